@@ -1,4 +1,4 @@
-"""Calls made by another thread, in steps that the test decides."""
+"""Calls in another thread, in steps that the test controls."""
 
 from __future__ import annotations
 

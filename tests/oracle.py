@@ -1,4 +1,4 @@
-"""Poses computed with numpy alone: matrices, and slerp by its definition."""
+"""Poses computed with numpy only: matrices, and slerp by its definition."""
 
 from __future__ import annotations
 

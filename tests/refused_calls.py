@@ -1,4 +1,4 @@
-"""What must hold of every call that is refused."""
+"""Properties of every refused call."""
 
 from __future__ import annotations
 

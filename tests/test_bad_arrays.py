@@ -1,4 +1,4 @@
-"""Bad arrays, columns and trajectories: a typed error that says what, an unchanged store."""
+"""Bad arrays, columns and trajectories raise a typed error and leave the store unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bad transforms, names and stamps: a typed error that says what, an unchanged store."""
+"""Bad transforms, names and stamps raise a typed error and leave the store unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A transform that is refused costs its own, not its message: everywhere that messages come in."""
+"""A refused transform does not affect the others of its message, at every entry."""
 
 from __future__ import annotations
 

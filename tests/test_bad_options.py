@@ -1,4 +1,4 @@
-"""Bad options, calls and messages: a typed error that says what, an unchanged store."""
+"""Bad options, calls and messages raise a typed error and leave the store unchanged."""
 
 from __future__ import annotations
 

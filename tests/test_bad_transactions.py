@@ -1,4 +1,4 @@
-"""Transactions used wrongly: a typed error that says what to do, an unchanged store."""
+"""Wrong use of transactions raises a typed error and leaves the store unchanged."""
 
 from __future__ import annotations
 

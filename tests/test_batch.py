@@ -1,4 +1,4 @@
-"""Many stamps and many points in one call, equal to as many single lookups."""
+"""Batches of stamps and points equal single lookups."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One answer, however it is asked for: rows, points, trajectories, snapshots and transactions."""
+"""Rows, points, trajectories, snapshots and transactions give one result."""
 
 from __future__ import annotations
 

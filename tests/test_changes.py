@@ -1,4 +1,4 @@
-"""The change feed: what each commit did, in order, and copies that follow it."""
+"""The change feed: effects of each commit, in order, and copies that follow it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns of one edge, wherever their arrays lie: they store what the same objects store."""
+"""Columns of one edge, in any memory layout, store the same as objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which stamps a path covers, whose parent is whose, and times that are None."""
+"""Common times of a path, parents over time, and times that are None."""
 
 from __future__ import annotations
 

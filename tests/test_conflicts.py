@@ -1,4 +1,4 @@
-"""What a transaction loses against, as Python is told: each read counts, errors say what."""
+"""Conflicts of transactions in Python: each read counts, and errors name the cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same store under each concurrency control: one set of answers, each engine's own manners."""
+"""The same store under each concurrency control: equal results, and each engine's properties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every way to ask for one transform tells the same story, on random stores."""
+"""All reads of one transform agree, on random stores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person meets first in Python."""
+"""The first steps of a user in Python."""
 
 from __future__ import annotations
 

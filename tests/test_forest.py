@@ -1,4 +1,4 @@
-"""Children, descendants and paths, against a dictionary of parents; what objects show of it."""
+"""Children, descendants and paths, against a dictionary of parents; notebook output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What random operations found, in a few lines each."""
+"""Errors found by random operations, in a few lines each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A leading slash, door by door: a name that is given is exact; names in ROS messages lose one."""
+"""A leading slash: arguments are exact names; names in ROS messages lose one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TFMessage bytes in and out."""
+"""Encoding and decoding of TFMessage bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the package promises about itself: version, types, weight of its import, the GIL."""
+"""Properties of the package: version, types, cost of its import, the GIL."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Batches of which a part is refused: who is named, what is stored, what goes in bulk."""
+"""Partly refused batches: the refused members, the stored ones, bulk writes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every form of a pose, through every door that takes one; scipy judges the rotations."""
+"""Every call takes every form of a pose; scipy judges the rotations."""
 
 from __future__ import annotations
 

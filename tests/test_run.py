@@ -1,4 +1,4 @@
-"""`Buffer.run`: again until it wins, within stated bounds."""
+"""`Buffer.run` retries until it commits, within documented limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The source distribution holds what a build needs, and nothing that merely lies about."""
+"""The source distribution has all files of a build and no others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Python's own tools say of every public name: its signature, its module, its help."""
+"""Signature, module and help of every public name, as Python's tools show them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""As few poses as keep the path within a tolerance, judged by dense sampling with scipy."""
+"""`simplify` keeps the path within its tolerance, judged by dense sampling with scipy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a store of one process takes of the machine's memory."""
+"""Memory use of small private stores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a held snapshot says when it has no answer: no later commit changes a word of it."""
+"""Errors of a held snapshot: no later commit changes their text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing, and looking at what was written."""
+"""Writing, and reading back."""
 
 from __future__ import annotations
 

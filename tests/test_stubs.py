@@ -1,4 +1,4 @@
-"""The committed stub of the extension says what the extension says."""
+"""The committed stub matches the extension."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periods, gaps, trees and the chain that the demo chooses."""
+"""Periods, gaps, trees, and the chain of the demo."""
 
 from __future__ import annotations
 

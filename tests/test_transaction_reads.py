@@ -1,4 +1,4 @@
-"""Every read of a snapshot in a transaction: the same answers, own writes included."""
+"""Every read of a snapshot works in a transaction, own writes included."""
 
 from __future__ import annotations
 

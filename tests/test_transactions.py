@@ -1,4 +1,4 @@
-"""Read, decide, write: what a transaction sees, what it leaves, and what it loses against."""
+"""Transactions: what they see, what they store, and their conflicts."""
 
 from __future__ import annotations
 

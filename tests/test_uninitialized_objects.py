@@ -1,4 +1,4 @@
-"""Methods of objects that were never made, or are of another class; text without UTF-8."""
+"""Methods of uninitialised objects and of other classes; text without UTF-8."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stamp or name that a message cannot carry costs its transform, not its message."""
+"""An undecodable stamp or name affects only its transform, not its message."""
 
 from __future__ import annotations
 

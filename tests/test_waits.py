@@ -1,4 +1,4 @@
-"""Waits: each ends once, by its answer or by what else may end it."""
+"""Each wait ends once: by its result, its timeout or its cancellation."""
 
 from __future__ import annotations
 

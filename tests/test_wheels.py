@@ -1,4 +1,4 @@
-"""The tool that makes the packages of a release, as far as it can be judged without making them."""
+"""The tool that makes release packages, without making them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`change_kind` and `only_new`: what a write does on demand, over the public face."""
+"""`change_kind` and `only_new` in the public API."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The map of the rooms, enforced."""
+"""Tests of the map of the rooms."""

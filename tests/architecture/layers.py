@@ -1,4 +1,4 @@
-"""Reads layers.toml and reports whatever in a tree breaks it."""
+"""Reads layers.toml and reports violations in a tree."""
 
 from __future__ import annotations
 

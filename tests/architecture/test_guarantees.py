@@ -1,4 +1,4 @@
-"""docs/concurrency.md says of every C++ class that threads share what the class says of itself."""
+"""docs/concurrency.md has the thread guarantees from the comments of the C++ classes."""
 
 from __future__ import annotations
 

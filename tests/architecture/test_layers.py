@@ -1,4 +1,4 @@
-"""The tree obeys layers.toml, and the rules that say so catch what they should."""
+"""The tree obeys layers.toml, and the checks find planted violations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The texts of the tree follow docs/style.md, and the check finds those that do not."""
+"""The texts of the tree follow docs/style.md, and the check finds planted violations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth random motions, what trackers make of them, and the same for evo."""
+"""Smooth random motions, estimates of them by a tracker, and the same for evo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `tfdb.compare` says beyond evo's numbers, and what it refuses."""
+"""Results of `tfdb.compare` beyond evo's numbers, and its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where tfdb answers otherwise than tf2 on purpose: both sides are pinned down here."""
+"""Intended differences from tf2, tested on both sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two static edges revised as a pair at full speed: tfdb's readers never see half of a revision.
+"""Two static edges revised as a pair at full speed: readers never see half of a revision.
 
 The same program runs the real tf2, whose rate of torn reads is printed: it has no batch to offer.
 """

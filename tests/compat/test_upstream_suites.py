@@ -1,4 +1,4 @@
-"""The runner of upstream's suites, the table of the page, and upstream's suites if at hand."""
+"""The runner of upstream's suites, the table of the page, and the suites if available."""
 
 from __future__ import annotations
 

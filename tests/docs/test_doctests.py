@@ -1,4 +1,4 @@
-"""Every example in a docstring of the package gives what it says."""
+"""Every example in a docstring of the package prints the documented result."""
 
 from __future__ import annotations
 

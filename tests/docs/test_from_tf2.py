@@ -1,4 +1,4 @@
-"""docs/howto/from-tf2.md names what there is, and every difference that there is."""
+"""docs/howto/from-tf2.md names existing calls and every difference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Python on the howto pages and in the README runs as it stands there."""
+"""The Python blocks of the howto pages and the README run."""
 
 from __future__ import annotations
 

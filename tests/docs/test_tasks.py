@@ -1,4 +1,4 @@
-"""Each task of docs/tasks.md runs, and is as short as the page says."""
+"""Each task of docs/tasks.md runs and has at most five lines."""
 
 from __future__ import annotations
 

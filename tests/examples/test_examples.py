@@ -1,4 +1,4 @@
-"""Every numbered example and the demo run from any folder and say something."""
+"""Every numbered example and the demo run from any folder and print something."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Frozen stores, as Python sees them."""
+"""Frozen stores in Python."""

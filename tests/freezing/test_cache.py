@@ -1,4 +1,4 @@
-"""`tfdb.load(cache=True)`: what is kept is used while it is true, and made anew otherwise."""
+"""`tfdb.load(cache=True)`: a valid cache is used, a stale one is replaced."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of a frozen store: whole or not at all, and refused where it is not what was written."""
+"""The file of a frozen store is complete or missing, and damaged files are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pickles: what goes to workers of `multiprocessing` that are spawned, as a DataLoader's are."""
+"""Pickles for spawned workers of `multiprocessing`, such as a DataLoader's."""
 
 from __future__ import annotations
 

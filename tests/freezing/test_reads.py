@@ -1,4 +1,4 @@
-"""A frozen store answers as the state that it was made from, and is told from others."""
+"""Reads of a frozen store equal those of the frozen state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The public face: every class, method, property and function, with the names of its parameters."""
+"""The public API: every class, method, property and function, with its parameter names."""
 
 from __future__ import annotations
 

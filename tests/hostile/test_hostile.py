@@ -1,4 +1,4 @@
-"""The fuzzer of the public face, in a child process: whatever it finds, the tests go on."""
+"""The fuzzer of the public API, in a child process, so that a crash does not end the tests."""
 
 from __future__ import annotations
 

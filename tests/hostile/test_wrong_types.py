@@ -1,4 +1,4 @@
-"""Doors written in Python, with arguments of every wrong type: our words, and no library's own."""
+"""Functions written in Python refuse every wrong type with an error of tfdb."""
 
 from __future__ import annotations
 

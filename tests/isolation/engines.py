@@ -1,4 +1,4 @@
-"""The engines, and the program that records what their threads do."""
+"""The engines, and the program that records operations of their threads."""
 
 from __future__ import annotations
 

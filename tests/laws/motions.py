@@ -1,4 +1,4 @@
-"""Random motions for the laws, none of them near the identity, and how to compare them."""
+"""Random motions for the laws, far from the identity, and their comparison."""
 
 from __future__ import annotations
 

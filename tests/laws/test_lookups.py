@@ -1,4 +1,4 @@
-"""What lookups owe to geometry: paths compose and invert, whichever way, and at any epoch."""
+"""Laws of lookups: paths compose and invert in both directions, at any epoch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Python of its own, which is to end well and in silence."""
+"""Runs a separate Python that must exit successfully and silently."""
 
 from __future__ import annotations
 

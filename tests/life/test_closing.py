@@ -1,4 +1,4 @@
-"""Snapshots that are closed while somebody reads through them."""
+"""Snapshots are closed while other threads read through them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A process is forked while its threads are at work in a store: nothing in the child hangs."""
+"""A process is forked while its threads use a store: the child does not hang."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sub-interpreters are refused, and leave the main one as it was."""
+"""Sub-interpreters are refused and do not change the main one."""
 
 from __future__ import annotations
 

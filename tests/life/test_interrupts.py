@@ -1,4 +1,4 @@
-"""Ctrl-C ends every long call, whenever it comes, and leaves nothing half-written."""
+"""Ctrl-C ends every long call at any time and leaves nothing half-written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers outlive what they were made from, and keep nothing of it alive."""
+"""Results outlive their store, and do not keep it alive."""
 
 from __future__ import annotations
 

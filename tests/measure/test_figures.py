@@ -1,4 +1,4 @@
-"""The evaluation's pictures, of figures that were never measured: they can be read in the docs."""
+"""The pictures of the evaluation, drawn from invented figures, are readable."""
 
 from __future__ import annotations
 

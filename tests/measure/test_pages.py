@@ -1,4 +1,4 @@
-"""The pages that `make measure` fills: their markers and pictures, and what is said of figures."""
+"""The pages that `make measure` fills: markers, pictures, sentences about figures."""
 
 from __future__ import annotations
 

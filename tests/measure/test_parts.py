@@ -1,4 +1,4 @@
-"""The parts under `tfdb bench` that can be wrong without anybody noticing."""
+"""Parts of `tfdb bench` whose faults would stay unnoticed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A backend of matplotlib whose windows are remembered instead of shown."""
+"""A matplotlib backend that records its windows instead of showing them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a picture can be read: every text inside it, none upon another."""
+"""Checks that a picture is readable: every text inside it, without overlaps."""
 
 from __future__ import annotations
 

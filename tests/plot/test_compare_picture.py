@@ -1,4 +1,4 @@
-"""The picture of a comparison: everything is in it, nothing lies over anything else."""
+"""The picture of a comparison is complete and readable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures: what is on them, and that labels stay apart."""
+"""Pictures: their contents, and labels without overlaps."""
 
 from __future__ import annotations
 

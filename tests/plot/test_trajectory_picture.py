@@ -1,4 +1,4 @@
-"""Pictures of trajectories: what is on them, in which scale, and that they can be read."""
+"""Pictures of trajectories: contents, scale and readability."""
 
 from __future__ import annotations
 

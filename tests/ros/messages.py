@@ -1,4 +1,4 @@
-"""Messages of ROS 1 in bytes."""
+"""Messages of ROS 1 as bytes."""
 
 from __future__ import annotations
 

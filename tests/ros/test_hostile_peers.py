@@ -1,4 +1,4 @@
-"""Peers that do not keep to the protocol: nothing hangs or ends but their own connection."""
+"""Peers that violate the protocol end their own connection only."""
 
 from __future__ import annotations
 

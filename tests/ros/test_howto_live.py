@@ -1,4 +1,4 @@
-"""The pages of live nodes run as they stand there, on real graphs."""
+"""The pages about live nodes run on real graphs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of ROS 1: how they are resolved and remapped, and what is none."""
+"""Names of ROS 1: resolving, remapping, validity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The node of a process of rospy, in a real graph, and beside what the program does itself."""
+"""The node of a process of rospy, in a real graph, beside the program's own topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A signal ends every wait of a node, and the node: as at the end of its timeout."""
+"""A signal ends a node and all its waits as their timeouts would."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames and headers, without any ROS."""
+"""Frames and headers of TCPROS, without ROS."""
 
 from __future__ import annotations
 

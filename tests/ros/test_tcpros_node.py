@@ -1,4 +1,4 @@
-"""Our node in a real graph of ROS 1, against real programs of rospy, in both directions."""
+"""Our node in a real graph of ROS 1, with programs of rospy, in both directions."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Stores that processes share, as Python sees them."""
+"""Shared stores in Python."""

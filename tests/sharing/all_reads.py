@@ -1,4 +1,4 @@
-"""A store filled in every way, and what every kind of read says of it."""
+"""A store filled in every way, and the results of every kind of read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What other processes do with a store: each function here is run in one of its own."""
+"""Functions that tests run in other processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A name for a store, which goes with the test."""
+"""The name of a store, which is removed after the test."""
 
 from __future__ import annotations
 

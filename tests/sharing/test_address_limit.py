@@ -1,4 +1,4 @@
-"""A process whose addresses are limited (`ulimit -v`): stores take fewer, or say what to do."""
+"""Limited addresses (`ulimit -v`): stores take fewer, or the error names a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A store on a file system that is full: typed errors, never the end of a process (SIGBUS)."""
+"""A store on a full file system raises typed errors and never ends the process (SIGBUS)."""
 
 from __future__ import annotations
 

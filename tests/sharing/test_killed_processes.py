@@ -1,4 +1,4 @@
-"""Processes that are killed or stopped at work in a store: the others go on."""
+"""Processes that are killed or stopped in a store do not stop the others."""
 
 from __future__ import annotations
 

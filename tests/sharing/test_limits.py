@@ -1,4 +1,4 @@
-"""What is refused, and how: names, sizes, permissions, damage."""
+"""Refused names, sizes, permissions and damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An error about a shared store names the store as its users do."""
+"""Errors name a shared store by its name for users."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C is heard by every call that waits for a writer which is stopped."""
+"""Ctrl-C ends every call that waits for a stopped writer."""
 
 from __future__ import annotations
 

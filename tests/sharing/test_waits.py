@@ -1,4 +1,4 @@
-"""Waits among processes: woken by another one's commit, ended by its removal of the store."""
+"""Waits across processes: another process's commit or removal of the store ends them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Begins waits and ends them in every way that there is, again and again."""
+"""Begins waits and ends them in every way, repeatedly."""
 
 from __future__ import annotations
 

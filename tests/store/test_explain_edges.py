@@ -1,4 +1,4 @@
-"""`explain` takes time in proportion to the path: each edge is judged by itself, and once."""
+"""`explain` takes time in proportion to the path: each edge is examined once."""
 
 from __future__ import annotations
 

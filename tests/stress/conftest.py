@@ -1,4 +1,4 @@
-"""What all tests with threads of Python share."""
+"""Fixtures of all tests with Python threads."""
 
 from __future__ import annotations
 

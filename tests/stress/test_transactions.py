@@ -1,4 +1,4 @@
-"""Transactions of many Python threads at once: sums stay exact, nothing hangs, nothing is left."""
+"""Transactions of many threads at once: exact sums, no hang, nothing left over."""
 
 from __future__ import annotations
 

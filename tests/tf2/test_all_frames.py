@@ -1,4 +1,4 @@
-"""The tree as text: tf2's forms, and names that break tf2's."""
+"""The tree as text in tf2's formats, and names that break tf2's."""
 
 from __future__ import annotations
 

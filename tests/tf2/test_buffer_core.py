@@ -1,4 +1,4 @@
-"""tf2's BufferCore on tfdb: rules, words and types, of both sides of ROS."""
+"""tf2's BufferCore on tfdb: rules, texts and types, of both sides of ROS."""
 
 from __future__ import annotations
 

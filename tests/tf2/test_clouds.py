@@ -1,4 +1,4 @@
-"""PointCloud2 of every layout against a loop over the points; clouds that are not what they say."""
+"""PointCloud2 of every layout against a loop over the points; invalid clouds."""
 
 from __future__ import annotations
 

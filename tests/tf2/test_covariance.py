@@ -1,4 +1,4 @@
-"""The covariance of a pose: what samples of that pose show after the same transform."""
+"""Transformed covariances equal those of transformed samples."""
 
 from __future__ import annotations
 

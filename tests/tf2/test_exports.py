@@ -1,4 +1,4 @@
-"""Every name that the real packages of tf2 export is there, in `dir()` and by a star import.
+"""Every exported name of tf2's packages exists, in `dir()` and by a star import.
 
 ROS 1 is asked itself. `tools/record_tf2_exports.py` found ROS 2's names in its sources, and
 `tests/ros/in_ros2/exports_cases.py` compares them where rclpy is installed.

@@ -1,4 +1,4 @@
-"""Conversions of geometry: against matrices, their laws, what they refuse."""
+"""Conversions of geometry against matrices, their laws and errors."""
 
 from __future__ import annotations
 

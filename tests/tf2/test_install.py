@@ -1,4 +1,4 @@
-"""Programs that know only tf2 run as they are."""
+"""Programs written for tf2 run unchanged."""
 
 from __future__ import annotations
 

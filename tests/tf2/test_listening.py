@@ -1,4 +1,4 @@
-"""What is published goes into a buffer: by the rules of its side, whole messages, nothing lost."""
+"""Listeners store published messages completely, by the rules of their side of ROS."""
 
 from __future__ import annotations
 

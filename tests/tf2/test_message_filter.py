@@ -1,4 +1,4 @@
-"""MessageFilter: each message is handed on once, with its transforms, or dropped with a reason."""
+"""MessageFilter delivers each message once, with its transforms, or drops it with a reason."""
 
 from __future__ import annotations
 

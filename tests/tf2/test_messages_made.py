@@ -1,4 +1,4 @@
-"""Messages made without Python, and the native calls that return them, say what Python says."""
+"""Messages and calls of the native code equal those of Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""With a real ROS 1 or ROS 2 beside it: its messages and times go in and come out."""
+"""Messages and times of a real ROS 1 or ROS 2 go in and come out."""
 
 from __future__ import annotations
 

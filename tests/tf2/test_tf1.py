@@ -1,4 +1,4 @@
-"""tf's surface: one program on Debian's real tf and on ours; what differs on purpose; its waits."""
+"""tf's surface: one program on Debian's tf and on ours; intended differences; waits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrong arguments on Debian's packages and on ours: errors of the same classes, or a difference."""
+"""Wrong arguments raise the same classes as on Debian's packages, or a listed difference."""
 
 from __future__ import annotations
 

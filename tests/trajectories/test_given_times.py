@@ -1,4 +1,4 @@
-"""Times as text, counted from the first or to the last stamp, wherever a range is asked for."""
+"""Times as text, relative to the first or last stamp, in every range argument."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trajectory files: what is read, what is refused, and that files survive a round trip."""
+"""Trajectory files: accepted and refused contents, and round trips."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""Trajectories: what is asked of them, judged by scipy, by a store and by single transforms."""
+"""Trajectories, judged by scipy, by a store and by single transforms."""
 
 from __future__ import annotations
 

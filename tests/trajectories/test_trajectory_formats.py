@@ -1,4 +1,4 @@
-"""Trajectories as other programs write them: the right values, said where guessed, or an error."""
+"""Trajectory files of other programs: correct values, warnings for guesses, or an error."""
 
 from __future__ import annotations
 

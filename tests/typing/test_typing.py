@@ -1,4 +1,4 @@
-"""What users write passes strict checkers of types, and what they must not write does not."""
+"""Good programs pass strict type checkers, and bad ones do not."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The history checker, checked."""
+"""Tests of the history checker."""

@@ -1,4 +1,4 @@
-"""Every anomaly in a history made by hand: found, and called by its name."""
+"""Every anomaly in a handmade history is found and named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The format of histories: what is read, and what is refused with its line and reason."""
+"""The format of histories; errors name the line and the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The checker against the judge that tries every order, on small random histories."""
+"""The checker against an oracle that tries every order, on small random histories."""
 
 from __future__ import annotations
 

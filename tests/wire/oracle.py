@@ -1,4 +1,4 @@
-"""The same messages through PyPI rosbags: its serialisers and deserialisers are the oracle."""
+"""Messages through PyPI rosbags, whose serialisers are the oracle."""
 
 from __future__ import annotations
 

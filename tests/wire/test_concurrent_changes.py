@@ -1,4 +1,4 @@
-"""Messages that somebody changes while they are read."""
+"""Messages that another thread changes while they are read."""
 
 from __future__ import annotations
 

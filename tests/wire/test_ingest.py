@@ -1,4 +1,4 @@
-"""`Buffer.ingest` and `Buffer.ingest_many`: bytes by rosbags, answers as from `set_transforms`."""
+"""`Buffer.ingest` and `Buffer.ingest_many` of rosbags' bytes equal `set_transforms`."""
 
 from __future__ import annotations
 

@@ -46,33 +46,33 @@ NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
 class Buffer(BufferCalls, BufferCore, BufferInterface):
     """A store of transforms with the calls of `tf2_ros.Buffer`.
 
-    Any number of threads may use it at once. Who waits is woken by the transform that was missing;
-    nothing is polled, and other threads may fill the buffer in any way, without a dedicated one.
-    A wait also ends when its node does, by a signal too, as by its timeout.
+    Any number of threads may use it at once. Any thread may fill the buffer, without a dedicated
+    one; the missing transform wakes a wait, without polling. The end of the node, also by a
+    signal, ends a wait as its timeout would.
     In ROS 2 a timeout is wall time, as upstream. In ROS 1 it is time of `clock`, which may be
-    simulated: a wait also ends when that clock goes back by more than 3 s, as when a bag restarts.
+    simulated. A wait also ends if that clock jumps back by more than 3 s, as when a bag restarts.
 
     Parameters
     ----------
     cache_time
-        A duration: how long samples are kept behind each edge's newest one. None: 10 s.
+        A duration: the history of each edge before its newest sample. None: 10 s.
     node
-        A node of rclpy or of `tfdb.ros`: it is the `clock`, and it offers the service
-        `tf2_frames`, in ROS 1 of its first buffer alone. None: that of rospy, where the process is
-        one; else no node. A bool is ROS 1's `debug`.
+        A node of rclpy or of `tfdb.ros`. It is the `clock`, and offers the service `tf2_frames` (in
+        ROS 1 for its first buffer only). None: rospy's node in a program of rospy, otherwise none.
+        A bool is ROS 1's `debug`.
     debug
         False: offer no service.
     store
-        Name of a store that processes share: what one of them listens to all can look up. Made if
-        there is none; one that is there keeps its own history.
+        Name of a shared store: all processes can look up what one of them receives. A missing store
+        is made; an existing one keeps its own history.
     flavor
-        `ros1` or `ros2`: whose rules and phrases count. None: that of the node, of `cache_time`, of
-        the first stamp, or what is installed.
+        `ros1` or `ros2`: the rules and texts to follow. None: those of the node, of `cache_time`,
+        of the first stamp, or of the installed ROS.
     buffer
-        The store, instead of a new or named one.
+        The store, in place of a new or named one.
     clock
-        The node whose clock ends waits in ROS 1; None: that of `node`, or of the listener that
-        fills the buffer, else the system's.
+        The node whose clock ends waits in ROS 1. None: that of `node`, of the listener that fills
+        the buffer, or the system's.
 
     Raises InvalidArgumentException for arguments that exclude each other.
     """
@@ -112,7 +112,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
     @property
     def clock(self) -> Node | None:
-        """Node whose end ends waits, and in ROS 1 its clock; None, until a listener sets its."""
+        """Node whose end (and, in ROS 1, clock) ends waits; None until a listener sets it."""
         return self._clock
 
     @clock.setter
@@ -144,7 +144,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """T[target_frame at target_time <- source_frame at source_time], once it is there.
 
-        Through `fixed_frame`, which does not move between the times; else as `lookup_transform`.
+        `fixed_frame` does not move between the times. Otherwise as `lookup_transform`.
         """
         limit = self._limit(timeout)
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
@@ -184,9 +184,9 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     def wait_for_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
-        """T[target_frame<-source_frame] as `lookup_transform`, for which it waits without end.
+        """T[target_frame<-source_frame] as `lookup_transform`, waiting without a limit.
 
-        With a `timeout` it raises TimeoutException, whose cause says what is missing.
+        With a `timeout` it raises TimeoutException, whose cause names the missing data.
         """
         question = self._question(target_frame, source_frame, time)
         limit = None if timeout is None else self._limit(timeout)
@@ -264,13 +264,13 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         source_frame: str,
         time: Any,
     ) -> int:
-        """Have a function called once a transform is there, or cannot come any more.
+        """Call a function once a transform is available, or can no longer come.
 
         Parameters
         ----------
         callback
-            Called as `callback(handle, target_frame, source_frame, time, result)`, `result` being a
-            `TransformableResult`, in a thread of the buffer's and outside all locks: it may call
+            Called as `callback(handle, target_frame, source_frame, time, result)` with a
+            `TransformableResult`, in a thread of the buffer and outside all locks. It may call
             anything.
         target_frame, source_frame, time
             As in `lookup_transform`.
@@ -278,10 +278,10 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         Returns
         -------
         int
-            A handle; 0: it is there now; 2^64 - 1: it will never be, for `time` is out of the
-            cache. The function is not called in these two cases.
+            A handle; 0: the transform is available now; 2^64 - 1: `time` is out of the cache, so it
+            can never be. In these two cases the function is not called.
 
-        Raises InvalidArgumentException for names and times that never have an answer.
+        Raises InvalidArgumentException for names and times that no transform can have.
         """
         if not callable(callback):
             raise TypeError(f"callback must be callable, got {type(callback).__name__}")
@@ -289,12 +289,12 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         return self._requests.add(callback, (target_frame, source_frame), time)
 
     def cancel_transformable_request(self, request_handle: int) -> None:
-        """Call the function of a request no more. One that has ended is passed over."""
+        """Cancel a request; one that has ended is ignored."""
         refuse_without(request_handle, "request_handle", "a handle, an integer", "__index__")
         self._requests.cancel(request_handle)
 
     def close(self) -> None:
-        """End all waits, and take the service back; later calls raise BufferClosed."""
+        """End all waits and the service; later calls raise BufferClosed."""
         if self._service is not None:
             self._service.close()
         self.buffer.close()

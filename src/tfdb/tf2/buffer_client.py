@@ -1,4 +1,4 @@
-"""`BufferClient`: lookups that another node's buffer answers, by the action LookupTransform."""
+"""`BufferClient`: lookups in another node's buffer, by the action LookupTransform."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ PARAMETERS = ("ns", "check_frequency", "timeout_padding")
 
 
 class BufferClient(BufferInterface):
-    """A buffer of which another node has the transforms.
+    """Looks up transforms in the buffer of another node.
 
     `BufferClient(ns, check_frequency=None, timeout_padding=2 s)` as in ROS 1, or
     `BufferClient(node, ns, check_frequency=10.0, timeout_padding=2 s)` as in ROS 2.
 
-    Threads: any may call anything, and wait at the same time.
+    Any thread may call it, and several may wait at once.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class BufferClient(BufferInterface):
     ns
         Name of the server's action, such as `tf2_buffer_server`.
     check_frequency
-        Taken as tf2 takes it, and without effect.
+        Accepted as in tf2, without effect.
     timeout_padding
-        A duration: how much longer than the timeout of a lookup its answer may take. None: 2 s.
+        A duration: time that the answer of a lookup may take beyond its timeout. None: 2 s.
     """
 
     def __init__(self, *given: Any, node: Any = None, **named: Any) -> None:
@@ -94,16 +94,16 @@ class BufferClient(BufferInterface):
     def client(self) -> Any:
         """In rospy: a SimpleActionClient of actionlib to the same server, made when first used.
 
-        Raises AttributeError where the process is not a node of rospy.
+        Raises AttributeError unless the process is a node of rospy.
         """
         if not in_rospy():
             raise AttributeError("BufferClient.client is actionlib's: it needs a node of rospy")
         return lookup_action_client(self._ns)
 
     def wait_for_server(self, timeout: Any = None) -> bool:
-        """Wait until a server is connected; whether it is.
+        """Wait for a server; return whether one is connected.
 
-        `timeout` is a duration; None or 0: without end.
+        `timeout` is a duration; None or 0: no limit.
         """
         limit = self._nanoseconds(timeout)
         return self._wait_ready(self._deadline(limit) if limit else None)
@@ -111,23 +111,23 @@ class BufferClient(BufferInterface):
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
-        """T[target_frame<-source_frame] at a time, once the server has it.
+        """T[target_frame<-source_frame] at a time, as soon as the server has it.
 
         Parameters
         ----------
         target_frame, source_frame
             Frame names.
         time
-            When; 0: the latest common time.
+            Time of the transform; 0: the latest common time.
         timeout
-            A duration: how long the server may wait for it; None: not at all.
+            A duration: how long the server may wait for it; None: no wait.
 
         Returns
         -------
         geometry_msgs.msg.TransformStamped
             Maps points of the source into the target: p_target = T p_source.
 
-        Raises what the server's lookup raised, and TimeoutException if no answer comes.
+        Raises the exception of the server's lookup, or TimeoutException without an answer.
         """
         goal = LookupGoal(target_frame, source_frame, nanoseconds(time), self._nanoseconds(timeout))
         return self._ask(goal)
@@ -143,7 +143,7 @@ class BufferClient(BufferInterface):
     ) -> Any:
         """T[target_frame at target_time <- source_frame at source_time], through `fixed_frame`.
 
-        Else as `lookup_transform`.
+        Otherwise as `lookup_transform`.
         """
         goal = LookupGoal(
             target_frame,
@@ -193,7 +193,7 @@ class BufferClient(BufferInterface):
         return (True, "") if return_debug_tuple else True
 
     def destroy(self) -> None:
-        """Ask no more."""
+        """Close the client."""
         self._transport.close()
 
     def _nanoseconds(self, timeout: Any) -> int:

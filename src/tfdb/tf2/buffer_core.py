@@ -61,24 +61,24 @@ def _check_text(names: dict[str, str]) -> None:
 
 
 class BufferCore(CoreCalls):
-    """A store of transforms with the calls, words and rules of `tf2_py.BufferCore`.
+    """A store of transforms with the calls, texts and rules of `tf2_py.BufferCore`.
 
-    Each call is answered from one committed state of a `tfdb.Buffer`. Times are those of any ROS
-    library, of `tfdb.tf2.msgs`, or integer nanoseconds; time 0 is the latest common time. Results
-    are real messages where the flavor's geometry_msgs is installed, else those of `tfdb.tf2.msgs`.
+    Each call reads one committed state of a `tfdb.Buffer`. Times are those of any ROS library, of
+    `tfdb.tf2.msgs`, or integer nanoseconds; time 0 is the latest common time. Results are real
+    messages if the flavor's geometry_msgs is installed, otherwise those of `tfdb.tf2.msgs`.
 
     Parameters
     ----------
     cache_time
-        A duration: how long samples are kept behind each edge's newest one. None: 10 s.
+        A duration: the history of each edge before its newest sample. None: 10 s.
     flavor
-        `ros1` or `ros2`: whose rules and phrases count. None: found from `cache_time`, else from
-        the first stamp that is given, else from what is installed, else `ros2`.
+        `ros1` or `ros2`: the rules and texts to follow. None: found from `cache_time`, the first
+        stamp, or the installed ROS; otherwise `ros2`.
     buffer
-        The store; None: a new one. It has a length of its own, so `cache_time` must be None.
+        The store; None: a new one. It has its own history, so `cache_time` must be None.
 
-    Raises InvalidArgumentException for a negative `cache_time` and an unknown flavor, TypeError for
-    what is not a time, or no Buffer.
+    Raises InvalidArgumentException for a negative `cache_time` or an unknown flavor, TypeError for
+    another type of time or buffer.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class BufferCore(CoreCalls):
 
     @property
     def flavor(self) -> Flavor:
-        """Whose rules and phrases count: as given, or as found up to now."""
+        """The rules and texts to follow, as passed or as found up to now."""
         return self._flavor or installed() or "ros2"
 
     def _nanoseconds(self, time: Any) -> int:
@@ -163,7 +163,7 @@ class BufferCore(CoreCalls):
         self._set(transform, authority, static=False)
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
-        """Store T[header.frame_id<-child_frame_id] for all stamps, until the next replaces it.
+        """Store T[header.frame_id<-child_frame_id] for all stamps, until another replaces it.
 
         As `set_transform`. A moving frame stays moving in ROS 1, and loses its samples in ROS 2.
         """
@@ -266,8 +266,8 @@ class BufferCore(CoreCalls):
     ) -> Any:
         """T[target_frame at target_time <- source_frame at source_time], through fixed_frame.
 
-        Both halves are answered from one state. The result's stamp is the target's; arguments and
-        errors as in `lookup_transform_core`.
+        Both halves read one state. The result has the target's stamp; arguments and errors as in
+        `lookup_transform_core`.
         """
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
         _, target_stamp, _, source_stamp, _ = self._full(*asked)
@@ -361,7 +361,7 @@ class BufferCore(CoreCalls):
         time: Any,
         averaging_interval: Any,
     ) -> Velocity:
-        """As `lookupVelocityCore`, in the axes of `reference_frame`, of a point that moves along.
+        """As `lookupVelocityCore`, of a point on the tracked frame, in `reference_frame`.
 
         `reference_point` is in coordinates of `reference_point_frame`, metres.
         """

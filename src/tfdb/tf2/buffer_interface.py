@@ -65,7 +65,7 @@ def _callable(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class TransformRegistration:
-    """Which function transforms which type: one table for the process."""
+    """The transform function of each type; one table for the process."""
 
     _functions: ClassVar[dict[Any, Callable[[Any, Any], Any]]] = {}
 
@@ -82,12 +82,12 @@ class TransformRegistration:
         self._functions[key] = _callable(callback)
 
     def get(self, key: type) -> Callable[[Any, Any], Any]:
-        """Give the function of a type; TypeException if there is none."""
+        """Give the function of a type; raise TypeException if it is missing."""
         return _registered(self._functions, key)
 
 
 class ConvertRegistration:
-    """Which functions convert which types: one table for the process."""
+    """The conversion functions of types; one table for the process."""
 
     _from_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
     _to_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
@@ -106,22 +106,22 @@ class ConvertRegistration:
         self._convert[key] = _callable(callback)
 
     def get_from_msg(self, key: type) -> Callable[[Any], Any]:
-        """Give the function that makes objects of a type; TypeException if there is none."""
+        """Give the function that makes objects of a type; raise TypeException if it is missing."""
         return _registered(self._from_msg, key)
 
     def get_to_msg(self, key: type) -> Callable[[Any], Any]:
-        """Give the function that makes messages of a type; TypeException if there is none."""
+        """Give the function that makes messages of a type; raise TypeException if it is missing."""
         return _registered(self._to_msg, key)
 
     def get_convert(self, key: tuple[type, type]) -> Callable[[Any], Any]:
-        """Give the function from one type to another; TypeException if there is none."""
+        """Give the function from one type to another; raise TypeException if it is missing."""
         return _registered(self._convert, key)
 
 
 def convert(a: Any, b_type: Any) -> Any:
     """Make an object of another type: directly, as a copy of its own type, or through a message.
 
-    Raises TypeException where no way is registered, or it leads to a message of another type.
+    Raises TypeException if no conversion is registered, or its message has another type.
     """
     registry = ConvertRegistration()
     try:
@@ -142,7 +142,7 @@ def convert(a: Any, b_type: Any) -> Any:
 def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:  # noqa: N802 - tf2's name
     """Give an object a header with a stamp and a frame, and return it.
 
-    Objects that take no attributes, such as PyKDL's vectors, are copied into a subclass of theirs.
+    Objects without free attributes, such as PyKDL's vectors, are copied into a subclass.
     """
     from tfdb.ros.ros_messages import make_header  # noqa: PLC0415 - ROS takes long to import
 
@@ -170,7 +170,7 @@ def _open_class(kind: type) -> type:
 
 
 class BufferInterface:
-    """What can look up can also transform: `Buffer` and `BufferClient` are of this kind."""
+    """Transforms objects by lookups; base of `Buffer` and `BufferClient`."""
 
     def __init__(self) -> None:
         self.registration: TransformRegistration = TransformRegistration()
@@ -184,15 +184,15 @@ class BufferInterface:
         Parameters
         ----------
         object_stamped
-            Of a registered type; it stays as it is.
+            An object of a registered type; it is not changed.
         target_frame
             Frame to transform into.
         timeout
-            How long to wait for the transform; None: not at all.
+            How long to wait for the transform; None: no wait.
         new_type
-            Type to convert the result to; None: it stays of the object's.
+            Type to convert the result to; None: the object's type.
 
-        Raises TypeException, and what `lookup_transform` raises.
+        Raises TypeException, and the exceptions of `lookup_transform`.
         """
         function = self.registration.get(type(object_stamped))
         refuse_unlike(object_stamped, "object_stamped", "an object with a header", "header")
@@ -210,7 +210,7 @@ class BufferInterface:
         timeout: Any = None,
         new_type: Any = None,
     ) -> Any:
-        """Transform an object into a frame at another time, through a frame fixed between.
+        """Transform an object into a frame at another time, through a fixed frame.
 
         Arguments as in `transform`.
         """
@@ -226,7 +226,7 @@ class BufferInterface:
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
-        """T[target_frame<-source_frame]: a subclass says how."""
+        """T[target_frame<-source_frame], by a subclass."""
         raise NotImplementedException
 
     def lookup_transform_full(
@@ -238,13 +238,13 @@ class BufferInterface:
         fixed_frame: str,
         timeout: Any = None,
     ) -> Any:
-        """T[target_frame<-source_frame] between two times: a subclass says how."""
+        """T[target_frame<-source_frame] between two times, by a subclass."""
         raise NotImplementedException
 
     def can_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
-        """Whether `lookup_transform` has an answer: a subclass says how."""
+        """Whether `lookup_transform` would succeed, by a subclass."""
         raise NotImplementedException
 
     def can_transform_full(
@@ -256,5 +256,5 @@ class BufferInterface:
         fixed_frame: str,
         timeout: Any = None,
     ) -> Any:
-        """Whether `lookup_transform_full` has an answer: a subclass says how."""
+        """Whether `lookup_transform_full` would succeed, by a subclass."""
         raise NotImplementedException

@@ -26,11 +26,10 @@ __all__ = ["BufferServer"]
 class BufferServer:
     """Answers the goals of `BufferClient`s, ours and tf2's, from a buffer.
 
-    A goal whose transform is there is answered at once; another waits, for its own timeout, and is
-    answered by the commit that brings the transform: nothing is polled. An answer that is an error
-    carries tf2's code and text.
+    A goal with an available transform is answered at once. Another goal waits up to its timeout for
+    the commit of the transform, without polling. An error has tf2's code and text.
 
-    Threads: any may call anything.
+    Any thread may call it.
 
     Parameters
     ----------
@@ -39,9 +38,9 @@ class BufferServer:
     ns
         Name of the action, such as `tf2_buffer_server`.
     auto_start
-        Whether goals are taken at once; else from `start` on.
+        Whether to accept goals at once, or after `start`.
     check_period
-        Taken as tf2 takes it, and without effect.
+        Accepted as in tf2, without effect.
     node
         A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
         without any ROS.
@@ -69,7 +68,7 @@ class BufferServer:
             self.start()
 
     def start(self) -> None:
-        """Take goals. Again: nothing happens."""
+        """Accept goals; a second call does nothing."""
         with self._lock:
             if self._started:
                 return
@@ -77,7 +76,7 @@ class BufferServer:
         self._transport.start(self._begin, self._cancel)
 
     def close(self) -> None:
-        """Take no more goals; those that wait are not answered."""
+        """Stop accepting goals; waiting goals are not answered."""
         with self._lock:
             self._closed = True
             waiting = list(self._waiting.values())

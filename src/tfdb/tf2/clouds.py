@@ -1,10 +1,10 @@
-"""PointCloud2 into another frame: tf2_sensor_msgs; and each point from its own moment.
+"""PointCloud2 into another frame, as tf2_sensor_msgs; and de-skewed, point by point.
 
 Clouds are those of either ROS or of `tfdb.tf2.msgs`, of any layout: fields in any order and at any
-offset, float32 or float64, either order of bytes, rows with padding, points that are not a number.
-A result is a new message of the same class and layout; what is neither a place nor a normal is the
-same to the byte. Normals are `normal_x`, `normal_y`, `normal_z` or `nx`, `ny`, `nz`: where all
-three are there as floating point numbers they are turned.
+offset, float32 or float64, either byte order, rows with padding, NaN points. The result is a new
+message of the same class and layout; all fields except positions and normals are equal to the byte.
+Normals are the fields `normal_x`, `normal_y`, `normal_z` or `nx`, `ny`, `nz`; they are rotated if
+all three are floating point numbers.
 """
 
 from __future__ import annotations
@@ -172,24 +172,24 @@ def _copied(field: Any) -> Any:
 
 
 def do_transform_cloud(cloud: Any, transform: Any) -> Any:
-    """Map a PointCloud2 into the target frame: p_target = T p_source, and normals turned.
+    """Map a PointCloud2 into the target frame: p_target = T p_source, and normals rotated.
 
     Parameters
     ----------
     cloud
-        Of any layout; it stays as it is. Coordinates that are not finite are taken as they are.
+        A cloud of any layout; it is not changed. Coordinates that are not finite stay so.
     transform
         T[target<-source]: a TransformStamped, a Transform, or a `tfdb.Transform`.
 
     Returns
     -------
     PointCloud2
-        Of the class and layout of `cloud`; its header is a copy of the transform's (of the cloud's
+        Of the class and layout of `cloud`. Its header is a copy of the transform's (of the cloud's
         for a Transform, which has none).
 
-    Raises InvalidArgumentException for a transform that is none, and for a cloud without x, y and z
-    as floating point numbers or whose data are not what it says; `InvalidTransform`, with
-    `index`, where a finite point has no finite place.
+    Raises InvalidArgumentException for an invalid transform, and for a cloud without x, y and z as
+    floating point numbers or whose data contradict its header; `InvalidTransform`, with `index`, if
+    the position of a finite point is not finite.
     """
     rigid_transform = rigid(transform)
     points = _Points(cloud)
@@ -213,40 +213,40 @@ def deskew_cloud(
     fixed_frame: str | None = None,
     target_time: Any = None,
 ) -> Any:
-    """Map each point of a PointCloud2 by the transform of its own moment.
+    """De-skew a PointCloud2: map each point by the transform at its own stamp.
 
     p_target[i] = T[target<-source](t[i]) p_source[i], or with a fixed frame
-    T[target<-fixed](target_time) T[fixed<-source](t[i]) p_source[i], all from one snapshot; normals
-    are turned likewise. The source is the frame of the cloud's header.
+    T[target<-fixed](target_time) T[fixed<-source](t[i]) p_source[i], all in one state; normals are
+    rotated likewise. The source is the frame of the cloud's header.
 
     Parameters
     ----------
     cloud
-        Of any layout; it stays as it is. A point that is not finite stays so, whatever its time.
+        A cloud of any layout; it is not changed. A point that is not finite stays so.
     buffer
-        Where to look up: a `tfdb.Buffer` or snapshot, or a buffer of `tfdb.tf2`.
+        A `tfdb.Buffer` or snapshot, or a buffer of `tfdb.tf2`, for the lookups.
     target_frame
-        Frame of the result: one that stands still, such as the map, or any with `fixed_frame`.
+        Frame of the result: a fixed one, such as the map, or any with `fixed_frame`.
     time_field
-        Field that holds each point's time, such as `t` or `timestamp`.
+        Field with the time of each point, such as `t` or `timestamp`.
     unit
-        What the field counts. None: seconds for floating point numbers, nanoseconds for integers.
+        Unit of the field. None: seconds for floating point numbers, nanoseconds for integers.
     since
-        `header`: from the stamp of the cloud's header on; `epoch`: the times are stamps themselves.
+        `header`: the times count from the stamp of the cloud's header; `epoch`: they are stamps.
     fixed_frame
-        Frame that stands still while the points were measured, where the target does not: the
-        lidar's own frame at one moment is `deskew_cloud(cloud, buffer, lidar, fixed_frame="odom")`.
+        A frame that does not move during the scan, for a target that does: the lidar's frame at one
+        stamp is `deskew_cloud(cloud, buffer, lidar, fixed_frame="odom")`.
     target_time
-        With `fixed_frame`: moment of the target. None: the stamp of the header.
+        With `fixed_frame`: stamp of the target. None: the stamp of the header.
 
     Returns
     -------
     PointCloud2
-        Of the class and layout of `cloud`. Its stamp is the target's moment with a fixed frame,
-        else that of `cloud`.
+        Of the class and layout of `cloud`. With a fixed frame it has the target's stamp, otherwise
+        that of `cloud`.
 
     Raises InvalidArgumentException as `do_transform_cloud`, and for a time field that is missing or
-    not finite; what `tfdb.Buffer.transform_points` raises, with `index`, counted row by row.
+    not finite; and the errors of `tfdb.Buffer.transform_points`, with `index`, row by row.
     """
     import numpy as np
 

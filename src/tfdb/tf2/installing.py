@@ -25,21 +25,21 @@ INSTALLED = "__tfdb__"
 
 
 def install() -> None:
-    """Let this process import tfdb where it asks for tf2.
+    """Make this process import tfdb in place of tf2.
 
-    From then on `tf2_py`, `tf2_ros`, `tf2_geometry_msgs`, `tf2_sensor_msgs`, `tf2_kdl` and ROS 1's
-    `tf`, with their submodules, are those of `tfdb.tf2`. They export what the real packages export,
-    also what these import themselves, such as `tf2_ros.Duration`. `tf.msg` and `tf.srv` are the
-    real ones where the package tf is installed. Where no ROS is installed at all, the messages that
-    they take and return can be imported as well (`geometry_msgs.msg` and its kin, `rclpy.time`,
-    `rclpy.duration`): they are those of `tfdb.tf2.msgs`. Calling it again does nothing.
+    After the call `tf2_py`, `tf2_ros`, `tf2_geometry_msgs`, `tf2_sensor_msgs`, `tf2_kdl` and ROS
+    1's `tf`, with their submodules, are those of `tfdb.tf2`. They export all names of the real
+    packages, including imported ones such as `tf2_ros.Duration`. `tf.msg` and `tf.srv` are the real
+    ones if the package tf is installed. Without ROS, its messages can be imported as well:
+    `geometry_msgs.msg` and the like, `rclpy.time` and `rclpy.duration` are those of
+    `tfdb.tf2.msgs`. A second call does nothing.
 
-    `python -m tfdb.tf2 PROGRAM` calls it and runs a program as it is.
+    `python -m tfdb.tf2 PROGRAM` calls it and runs an unchanged program.
 
     Raises
     ------
     InvalidArgument
-        One of these packages was imported before. Nothing was done.
+        One of these packages was imported before; nothing is changed.
     """
     if any(isinstance(each, _Finder) for each in sys.meta_path):
         return

@@ -1,4 +1,4 @@
-"""`MessageFilter`: hands on messages once they can be transformed, with their transforms."""
+"""`MessageFilter`: delivers messages once they can be transformed, with their transforms."""
 
 from __future__ import annotations
 
@@ -60,26 +60,26 @@ class _Waiting:
 
 
 class MessageFilter:
-    """Hands on each message once it can be transformed into all target frames. tf2 has it in C++.
+    """Delivers each message once it can be transformed into all target frames. tf2 has it in C++.
 
-    Messages are handed on in a thread of the buffer's, as soon as their transforms are there;
-    nothing is polled. What cannot be transformed any more is dropped, with a reason. Any thread may
-    call it, callbacks too.
+    A thread of the buffer delivers messages as soon as their transforms are available, without
+    polling. Messages that can no longer be transformed are dropped with a reason. Any thread may
+    call it, including callbacks.
 
     Parameters
     ----------
     buffer
-        Where the transforms are.
+        The buffer of the transforms.
     target_frame
-        A frame, or several: into all of them the message must be transformable.
+        One or several frames; a message must be transformable into all of them.
     queue_size
-        How many messages may wait; one more drops the oldest. 0: any number.
+        Largest number of waiting messages; one more drops the oldest. 0: no limit.
     tolerance
-        A duration: the transforms must be there at the stamp, and so much later too.
+        A duration: transforms must be available at the stamp and at this time after it.
     buffer_timeout
-        A duration after which a message that waits is dropped; None: never.
+        A duration after which a waiting message is dropped; None: never.
     source
-        What messages come from, as for `connect_input`.
+        The source of messages, as for `connect_input`.
 
     Raises InvalidArgumentException.
     """
@@ -107,7 +107,7 @@ class MessageFilter:
             text = f"queue_size is how many messages may wait, from 0 on, got {queue_size!r}"
             raise InvalidArgumentException(text, value=queue_size)
         self.queue_size = queue_size
-        """How many messages may wait; 0: any number."""
+        """Largest number of waiting messages; 0: no limit."""
         self._tolerance = 0
         self._timeout = (
             None if buffer_timeout is None else duration(buffer_timeout, None, "buffer_timeout")
@@ -119,7 +119,7 @@ class MessageFilter:
             self.connect_input(source)
 
     def connect_input(self, source: Any) -> None:
-        """Take the messages of a `message_filters` filter, or of anything with registerCallback."""
+        """Add the messages of a `message_filters` filter, or of a similar registerCallback."""
         what = "a filter of message_filters, or has its registerCallback"
         refuse_without(source, "source", what, "registerCallback")
         source.registerCallback(self.add)
@@ -151,7 +151,7 @@ class MessageFilter:
             self._failure_callbacks.append(callback)
 
     def set_target_frames(self, target_frame: str | Iterable[str]) -> None:
-        """Want these target frames from now on; messages that wait are looked at again."""
+        """Set the target frames; waiting messages are checked again."""
         refuse_without(target_frame, "target_frame", "a frame name or several", "__iter__")
         names = [target_frame] if isinstance(target_frame, str) else [*target_frame]
         targets = tuple(given_name("a target frame", name).removeprefix("/") for name in names)
@@ -169,7 +169,7 @@ class MessageFilter:
         return " ".join(self._targets)
 
     def set_tolerance(self, tolerance: Any) -> None:
-        """Want transforms so much later, too, from now on."""
+        """Set the tolerance."""
         wanted = duration(tolerance, None, "tolerance")
         if wanted < 0:
             text = f"tolerance must not be negative, got {wanted} ns"
@@ -178,7 +178,7 @@ class MessageFilter:
         self._look_again()
 
     def clear(self) -> None:
-        """Forget the messages that wait."""
+        """Drop the waiting messages, without a callback."""
         with self._lock:
             forgotten = [*self._waiting.values()]
             self._waiting.clear()
@@ -194,7 +194,7 @@ class MessageFilter:
             self.add(one.message)
 
     def add(self, message: Any) -> None:
-        """Take a message, whose header says its frame and its stamp."""
+        """Add a message, whose header has its frame and stamp."""
         refuse_without(message, "message", "a message with a header", "header")
         frame = given_name("header.frame_id", message.header.frame_id).removeprefix("/")
         if not frame:
@@ -226,7 +226,7 @@ class MessageFilter:
         timer.cancel()
 
     def _wait_for_next(self, one: _Waiting) -> None:
-        """Hand a message on, or wait for the first transform that it lacks."""
+        """Deliver a message, or wait for its first missing transform."""
         try:
             self._look(one)
         except TfdbError:  # the buffer was closed, or its store removed
@@ -253,7 +253,7 @@ class MessageFilter:
             self._fail(one, FilterFailureReason.OutTheBack)
 
     def _hold(self, one: _Waiting, wait: waiting.Wait) -> None:
-        """Keep a wait with its message, if that has not left the queue since."""
+        """Store a wait with its message unless the message left the queue."""
         with self._lock:
             if one.number in self._waiting:
                 one.waits.append(wait)
@@ -261,7 +261,7 @@ class MessageFilter:
         wait.cancel()
 
     def _hand_on_or_lack(self, one: _Waiting) -> tuple[str, int] | None:
-        """Hand a message on; else the target and the stamp of the first transform it lacks."""
+        """Deliver a message, or return target and stamp of its first missing transform."""
         found: dict[str, Any] = {}
         core = self._buffer
         for target in self._targets:

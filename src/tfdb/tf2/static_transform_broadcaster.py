@@ -62,7 +62,7 @@ def _latched_by(node: Node, qos: Any) -> _Latched:
 class StaticTransformBroadcaster:
     """Publishes static transforms on /tf_static. Any thread may send.
 
-    Who joins late gets all that was sent by the node's broadcasters, the newest of each child.
+    Late joiners get the newest transform of each child that the node's broadcasters sent.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class StaticTransformBroadcaster:
         A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
         without any ROS.
     qos
-        In a node of rclpy: a QoS profile instead of tf2's.
+        In a node of rclpy: a QoS profile in place of tf2's.
     """
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
@@ -83,11 +83,11 @@ class StaticTransformBroadcaster:
         """A TFMessage with all that is sent each time. `sendTransform` changes it."""
 
     def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
-        """Send one static transform, or any number of them, together with those sent before.
+        """Send one or several static transforms, together with those sent before.
 
-        Each is a `geometry_msgs/TransformStamped` of any library, and says
-        T[header.frame_id<-child_frame_id] at all times, until the next for the same
-        child. Raises InvalidStamp, InvalidName, NodeClosed; nothing was sent.
+        Each is a `geometry_msgs/TransformStamped` of any library: T[header.frame_id<-
+        child_frame_id] at all times, until another for the same child. Raises InvalidStamp,
+        InvalidName or NodeClosed, and then sends nothing.
         """
         new = {one.child_frame_id: deepcopy(one) for one in members(transform)}
         latched = self._latched
@@ -97,7 +97,7 @@ class StaticTransformBroadcaster:
             latched.send(new)
 
     def close(self) -> None:
-        """Take the topic back, unless another broadcaster of the node has it."""
+        """Unregister the topic unless another broadcaster of the node uses it."""
         latched, self._latched = self._latched, None
         if latched is None:
             return

@@ -28,7 +28,7 @@ class TransformBroadcaster:
         A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
         without any ROS.
     qos
-        In a node of rclpy: a QoS profile instead of tf2's.
+        In a node of rclpy: a QoS profile in place of tf2's.
     """
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
@@ -39,21 +39,20 @@ class TransformBroadcaster:
         """The publisher, as rclpy or rospy has it: `publish` sends a TFMessage."""
 
     def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
-        """Send one transform, or any number of them, in one message.
+        """Send one or several transforms in one message.
 
-        Each is a `geometry_msgs/TransformStamped` of any library, and says
-        T[header.frame_id<-child_frame_id] at header.stamp. Raises InvalidStamp,
-        InvalidName; nothing was sent.
+        Each is a `geometry_msgs/TransformStamped` of any library: T[header.frame_id<-
+        child_frame_id] at header.stamp. Raises InvalidStamp or InvalidName, and then sends nothing.
         """
         self._publisher.publish(_core.encode_tf_message(members(transform), self.node.encoding))
 
     def close(self) -> None:
-        """Take the topic back."""
+        """Unregister the topic."""
         self._publisher.close()
 
 
 def members(transform: Any) -> list[Any]:
-    """Transforms that were given, one or many, as a list."""
+    """Return one or many transforms as a list."""
     if hasattr(transform, "child_frame_id"):
         return [transform]
     if isinstance(transform, str) or not hasattr(transform, "__iter__"):

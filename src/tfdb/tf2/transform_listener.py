@@ -1,4 +1,4 @@
-"""`TransformListener`: what is published on /tf and /tf_static goes into a buffer."""
+"""`TransformListener`: stores the messages on /tf and /tf_static in a buffer."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ LOGGER = logging.getLogger("tfdb.tf2")
 
 
 class TransformListener:
-    """Fills a buffer with what is published on /tf and /tf_static.
+    """Fills a buffer with the messages on /tf and /tf_static.
 
-    Messages go as bytes into the native decoder, and each is one commit: what is published together
-    is seen together. The publisher's name is the authority. A transform that is refused is logged
-    and counted; the others of its message are stored. A damaged message is left out, logged once
-    for each publisher, and counted. When simulated time jumps back the buffer is cleared.
+    Messages are decoded natively, and each is one commit, so readers see all its transforms at
+    once. The publisher's name is the authority. A refused transform is logged and counted; the
+    other transforms of its message are stored. A damaged message is skipped, counted, and logged
+    once for each publisher. If simulated time jumps back, the buffer is cleared.
 
-    It listens until `unregister`, also when nothing refers to it any more. Messages come in a
-    thread of the node's. Where a subclass overrides `callback` or `static_callback`, that is called
-    with each message of its topic instead; where a subclass of BufferCore has a `set_transform` of
-    its own, that is called for each transform.
+    It listens until `unregister`, even if no reference to it is left. Messages arrive in a thread
+    of the node. If a subclass overrides `callback` or `static_callback`, this is called with each
+    message of its topic. If a subclass of BufferCore overrides `set_transform`, that is called for
+    each transform.
 
     Parameters
     ----------
@@ -51,19 +51,19 @@ class TransformListener:
         A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
         without any ROS. An integer is ROS 1's `queue_size`.
     queue_size
-        How many messages of a topic may wait; None: 100.
+        Largest number of queued messages of a topic; None: 100.
     spin_thread
-        In a node of rclpy: take messages in a thread of its own, which is cheapest and lets
-        callbacks of the node wait for transforms, and spin the node in another thread unless an
-        executor has it; False: take them in the node's executor.
+        In a node of rclpy: receive messages in a separate thread, with the least CPU, so that
+        callbacks of the node may wait for transforms. Another thread spins the node unless it has
+        an executor. False: receive messages in the node's executor.
     qos, static_qos
-        In a node of rclpy: QoS profiles instead of tf2's.
+        In a node of rclpy: QoS profiles in place of tf2's.
     tf_topic, tf_static_topic
         Names of the topics.
     static_only
-        Listen to the static ones alone.
+        Listen to /tf_static only.
     buff_size, tcp_nodelay
-        Taken as ROS 1 takes them, and without effect.
+        Accepted as in ROS 1, without effect.
     """
 
     node: Any
@@ -145,7 +145,7 @@ class TransformListener:
 
     @property
     def buffer(self) -> Any:
-        """What it fills. Another one gets what comes from then on."""
+        """The buffer to fill. A new one gets later messages."""
         return self._buffer
 
     @buffer.setter
@@ -163,7 +163,7 @@ class TransformListener:
     def callback(self, data: Any) -> None:
         """Store a TFMessage of moving transforms, one transform after the other.
 
-        It is called where it is overridden, or a program subscribes with it.
+        It is called if it is overridden, or if a program subscribes with it.
         """
         self._store_message(data, self.buffer.set_transform)
 
@@ -185,7 +185,7 @@ class TransformListener:
             self.buffer.clear()
 
     def unregister(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._stop()
         if self._spinning is not None and not self._spinning.has_node:
             self._spinning.close()
@@ -248,7 +248,7 @@ PLAIN = (TransformListener.callback, TransformListener.static_callback)
 
 
 class StaticTransformListener(TransformListener):
-    """Fills a buffer with what is published on /tf_static alone."""
+    """Fills a buffer with the messages on /tf_static only."""
 
     def __init__(self, buffer: Any, node: Any = None, **options: Any) -> None:
         super().__init__(buffer, node, static_only=True, **options)
