@@ -1,9 +1,14 @@
-"""Write src/tfdb/_core.pyi from the built extension; `--check` only compares."""
+"""Write what is generated of src/tfdb; `--check` only compares.
+
+`_core.pyi` comes from the built extension, `recordings/selected.py` from the fields of `Selection`.
+"""
 
 from __future__ import annotations
 
 import argparse
+import ast
 import difflib
+import re
 import subprocess
 import sys
 import tempfile
@@ -13,6 +18,32 @@ ROOT = Path(__file__).resolve().parent.parent
 STUB = ROOT / "src" / "tfdb" / "_core.pyi"
 # Signatures of the methods that bypass nanobind, which stubgen cannot see.
 PATTERNS = ROOT / "bindings" / "stubs.pattern"
+SELECTION = ROOT / "src" / "tfdb" / "recordings" / "selection.py"
+SELECTED = SELECTION.with_name("selected.py")
+SELECTED_HEAD = '''"""The fields of `Selection` as keywords. Written by tools/make_stubs.py."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypedDict
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Mapping
+    from typing import Literal
+
+    from tfdb.data.stamps import StampLike
+    from tfdb.data.types import PoseTopics, Topics
+    from tfdb.robots.robot_model import RobotModel
+
+
+class Selected(TypedDict, total=False):
+    """Keywords that make a `Selection`."""
+
+'''
+# What a stub of the extension calls the types of fields.
+QUALIFIED = {"RobotModel": "tfdb.robots.RobotModel"} | {
+    name: f"tfdb.types.{name}" for name in ("PoseTopics", "StampLike", "Topics")
+}
 # stubgen takes what says that it is of `tfdb` for an import from there.
 PROGRAM = """
 from nanobind import stubgen
@@ -31,14 +62,46 @@ stubgen.main()
 """
 
 
+def fields() -> list[tuple[str, str, str]]:
+    """Return the name, type and default of each field of `Selection`."""
+    tree = ast.parse(SELECTION.read_text(encoding="utf-8"))
+    found = next(n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == "Selection")
+    return [
+        (
+            ast.unparse(each.target),
+            ast.unparse(each.annotation).replace("'", '"'),
+            next(ast.unparse(k.value) for k in each.value.keywords if k.arg == "default").replace(
+                "'", '"'
+            ),
+        )
+        for each in found.body
+        if isinstance(each, ast.AnnAssign) and isinstance(each.value, ast.Call)
+    ]
+
+
+def selected() -> str:
+    """Return the module of keywords."""
+    return SELECTED_HEAD + "".join(f"    {name}: {kind}\n" for name, kind, _ in fields())
+
+
+def patterns() -> str:
+    """Return the patterns of stubgen, the fields of `Selection` in their place."""
+
+    def qualified(kind: str) -> str:
+        return re.sub(r"\b\w+\b", lambda word: QUALIFIED.get(word[0], word[0]), kind)
+
+    given = [f"        {name}: {qualified(kind)} = {value}," for name, kind, value in fields()]
+    text = PATTERNS.read_text(encoding="utf-8")
+    return text.replace("        \\selection", "\n".join(given))
+
+
 def generated() -> str:
     """Return the stub of the installed `tfdb._core`."""
     with tempfile.TemporaryDirectory() as folder:
-        output = Path(folder) / "_core.pyi"
+        output, found = Path(folder) / "_core.pyi", Path(folder) / "stubs.pattern"
+        found.write_text(patterns(), encoding="utf-8")
         command = [sys.executable, "-c", PROGRAM, "-q", "-m", "tfdb._core"]
-        command += ["-o", str(output)]
-        if PATTERNS.is_file():
-            command += ["-p", str(PATTERNS)]
+        command += ["-o", str(output), "-p", str(found)]
         subprocess.run(command, check=True, cwd=folder)
         return output.read_text(encoding="utf-8")
 
@@ -53,20 +116,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
     check = parser.parse_args().check
-    new = generated()
-    if not check:
-        STUB.write_text(new, encoding="utf-8")
-        return 0
-    old = STUB.read_text(encoding="utf-8") if STUB.is_file() else ""
-    if _undented(old) == _undented(new):
-        return 0
-    sys.stdout.writelines(
-        difflib.unified_diff(
-            old.splitlines(keepends=True), new.splitlines(keepends=True), "committed", "generated"
-        )
-    )
-    print("src/tfdb/_core.pyi is stale: run `make stubs`")
-    return 1
+    stale = 0
+    for path, new in ((STUB, generated()), (SELECTED, selected())):
+        if not check:
+            path.write_text(new, encoding="utf-8")
+            continue
+        old = path.read_text(encoding="utf-8") if path.is_file() else ""
+        if _undented(old) != _undented(new):
+            lines = old.splitlines(keepends=True), new.splitlines(keepends=True)
+            sys.stdout.writelines(difflib.unified_diff(*lines, "committed", "generated"))
+            print(f"{path.relative_to(ROOT)} is stale: run `make stubs`")
+            stale = 1
+    return stale
 
 
 if __name__ == "__main__":

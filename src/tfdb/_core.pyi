@@ -9,7 +9,6 @@ import numpy.typing
 
 import tfdb
 import tfdb.recordings
-import tfdb.recordings.load
 import tfdb.store.explain
 import tfdb.store.report
 import tfdb.store.shared
@@ -1186,22 +1185,22 @@ class Buffer(Reads):
         self,
         path: tfdb.types.Paths,
         *,
-        topics: tfdb.types.Topics | None = None,
         progress: tfdb.types.Progress | None = None,
-        salvage: bool = False,
+        topics: tfdb.types.Topics | None = None,
         start: tfdb.types.StampLike | str | None = None,
         end: tfdb.types.StampLike | str | None = None,
+        keep: float | None = None,
         frames: str | Iterable[str] | None = None,
         exclude: str | Iterable[str] = (),
-        keep: float | None = None,
         rename: Mapping[str, str] | None = None,
-        prefix: str = "",
         pose_topics: tfdb.types.PoseTopics | None = None,
         urdf: str | os.PathLike[str] | tfdb.robots.RobotModel | None = None,
         joint_topic: str | None = None,
+        stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
+        prefix: str = "",
         by_namespace: bool = False,
         mix: bool = False,
-        stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
+        salvage: bool = False,
     ) -> tfdb.recordings.LoadReport:
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
@@ -1221,60 +1220,11 @@ class Buffer(Reads):
             ----------
             path
                 One recording or several; they are read in the order of their start.
-            topics
-                Which topics to read; None: all that hold transforms, TFMessage or Foxglove's
-                FrameTransform and FrameTransforms. A mapping renames them, as in
-                `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
-                `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`;
-                Foxglove's, when the name ends in `_static`.
             progress
                 Called with (done, total); each message counts once when read and once when stored.
-            salvage
-                Read damaged, cut and unindexed files as far as they go, and bag folders without the files
-                that are missing; the report says what was lost. Rows of trajectories are sorted by their
-                stamps, and skipped where they hold no valid stamp or pose.
-            start, end
-                The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
-                the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
-                stamp of what is read, `"-0.5"` before the last: `exclude` leaves stamps out of that,
-                `frames` does not. Static transforms are kept always.
-            frames
-                Only the edges on the paths between these frames. Where one tree holds only one of them:
-                those on its path to the root.
-            exclude
-                Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
-                one: edges from or to these frames are left out, and all transforms of these topics and
-                nodes. Frames below form a tree of their own; `frames` counts paths without them.
-                `"/tf_static:base_link"` names one edge on one topic, by its child frame.
-            keep
-                Only so many seconds before the earlier of `end` and the last moving stamp.
-            rename
-                New names of frames by their old ones, as in `{"map": "world"}`. `frames` and `exclude` are
-                about the old ones.
-            prefix
-                What is put before the name of each frame, after `rename`: `"robot1/"`.
-            pose_topics
-                Topics whose poses become moving edges: Odometry, TransformStamped, PoseStamped,
-                PoseWithCovarianceStamped, Path, and Foxglove's PoseInFrame. The edge goes from the frame of
-                the header to the child that the message names; a mapping names it where the message does
-                not, or not well: `{"/pose": "base_link"}`. With `topics=()` they are all that is read.
-            urdf
-                The model of the robot, or its file: joint states become moving edges, fixed joints static
-                ones. Frames that the recording's transforms place are not overwritten by the model. The
-                report's `joints` lists joints that are missing, unknown or beyond their limits.
-            joint_topic
-                The topic of the joint states; None: `/joint_states`, or the only one.
-            by_namespace
-                Keep groups of topics apart: the frames of `/robot1/tf` and `/robot1/tf_static` get the
-                prefix `robot1/`, those of `/tf_old` the prefix `tf_old/`, those of `/tf` none. Topics of
-                poses get the prefix of their namespace. The other options are about these names. Not with
-                `urdf`.
-            mix
-                Load all topics into one tree, although groups of topics disagree on an edge: of samples
-                with one stamp the last one counts, and lookups interpolate between the sources.
-            stamp_unit
-                The unit of stamps in the text of trajectories: `"s"`, `"ms"`, `"us"` or `"ns"`. None: the
-                unit that the file names, else found by the size of the stamps, with a warning.
+            **selection
+                What is read, and under which names: the fields of `tfdb.recordings.Selection`, such as
+                `topics`, `start`, `exclude` and `rename`.
 
             Returns
             -------

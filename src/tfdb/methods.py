@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Coroutine, Iterable, Mapping
-    from typing import Literal
+    from collections.abc import Callable, Coroutine
+    from typing import Literal, Unpack
 
     from tfdb._core import Buffer, Policy, Reads, Transaction, Transform
     from tfdb.data.stamps import StampLike
@@ -18,16 +18,14 @@ if TYPE_CHECKING:
         Name,
         Paths,
         PoseLike,
-        PoseTopics,
         Progress,
         QuaternionLike,
-        Topics,
         TrajectoryLike,
         VectorLike,
         WxyzLike,
     )
-    from tfdb.recordings.loading import LoadReport
-    from tfdb.robots.robot_model import RobotModel
+    from tfdb.recordings.load_report import LoadReport
+    from tfdb.recordings.selected import Selected
     from tfdb.store.explain import Explanation
     from tfdb.store.transactions import Result
     from tfdb.trajectories.trajectory import Trajectory
@@ -243,25 +241,7 @@ def freeze(self: Reads, path: str | os.PathLike[str], *, overwrite: bool = False
 
 
 def load(
-    self: Buffer,
-    path: Paths,
-    *,
-    topics: Topics | None = None,
-    progress: Progress | None = None,
-    salvage: bool = False,
-    start: StampLike | str | None = None,
-    end: StampLike | str | None = None,
-    frames: str | Iterable[str] | None = None,
-    exclude: str | Iterable[str] = (),
-    keep: float | None = None,
-    rename: Mapping[str, str] | None = None,
-    prefix: str = "",
-    pose_topics: PoseTopics | None = None,
-    urdf: str | os.PathLike[str] | RobotModel | None = None,
-    joint_topic: str | None = None,
-    by_namespace: bool = False,
-    mix: bool = False,
-    stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
+    self: Buffer, path: Paths, *, progress: Progress | None = None, **selection: Unpack[Selected]
 ) -> LoadReport:
     """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
@@ -280,60 +260,11 @@ def load(
     ----------
     path
         One recording or several; they are read in the order of their start.
-    topics
-        Which topics to read; None: all that hold transforms, TFMessage or Foxglove's
-        FrameTransform and FrameTransforms. A mapping renames them, as in
-        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
-        `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`;
-        Foxglove's, when the name ends in `_static`.
     progress
         Called with (done, total); each message counts once when read and once when stored.
-    salvage
-        Read damaged, cut and unindexed files as far as they go, and bag folders without the files
-        that are missing; the report says what was lost. Rows of trajectories are sorted by their
-        stamps, and skipped where they hold no valid stamp or pose.
-    start, end
-        The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
-        the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
-        stamp of what is read, `"-0.5"` before the last: `exclude` leaves stamps out of that,
-        `frames` does not. Static transforms are kept always.
-    frames
-        Only the edges on the paths between these frames. Where one tree holds only one of them:
-        those on its path to the root.
-    exclude
-        Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
-        one: edges from or to these frames are left out, and all transforms of these topics and
-        nodes. Frames below form a tree of their own; `frames` counts paths without them.
-        `"/tf_static:base_link"` names one edge on one topic, by its child frame.
-    keep
-        Only so many seconds before the earlier of `end` and the last moving stamp.
-    rename
-        New names of frames by their old ones, as in `{"map": "world"}`. `frames` and `exclude` are
-        about the old ones.
-    prefix
-        What is put before the name of each frame, after `rename`: `"robot1/"`.
-    pose_topics
-        Topics whose poses become moving edges: Odometry, TransformStamped, PoseStamped,
-        PoseWithCovarianceStamped, Path, and Foxglove's PoseInFrame. The edge goes from the frame of
-        the header to the child that the message names; a mapping names it where the message does
-        not, or not well: `{"/pose": "base_link"}`. With `topics=()` they are all that is read.
-    urdf
-        The model of the robot, or its file: joint states become moving edges, fixed joints static
-        ones. Frames that the recording's transforms place are not overwritten by the model. The
-        report's `joints` lists joints that are missing, unknown or beyond their limits.
-    joint_topic
-        The topic of the joint states; None: `/joint_states`, or the only one.
-    by_namespace
-        Keep groups of topics apart: the frames of `/robot1/tf` and `/robot1/tf_static` get the
-        prefix `robot1/`, those of `/tf_old` the prefix `tf_old/`, those of `/tf` none. Topics of
-        poses get the prefix of their namespace. The other options are about these names. Not with
-        `urdf`.
-    mix
-        Load all topics into one tree, although groups of topics disagree on an edge: of samples
-        with one stamp the last one counts, and lookups interpolate between the sources.
-    stamp_unit
-        The unit of stamps in the text of trajectories: `"s"`, `"ms"`, `"us"` or `"ns"`. None: the
-        unit that the file names, else found by the size of the stamps, with a warning.
+    **selection
+        What is read, and under which names: the fields of `tfdb.recordings.Selection`, such as
+        `topics`, `start`, `exclude` and `rename`.
 
     Returns
     -------
@@ -374,27 +305,9 @@ def load(
         columns were guessed.
     """
     from tfdb.recordings.load import load_into  # noqa: PLC0415 - see above
+    from tfdb.recordings.selection import selected  # noqa: PLC0415
 
-    return load_into(
-        self,
-        path,
-        topics=topics,
-        progress=progress,
-        salvage=salvage,
-        start=start,
-        end=end,
-        frames=frames,
-        exclude=exclude,
-        keep=keep,
-        rename=rename,
-        prefix=prefix,
-        pose_topics=pose_topics,
-        urdf=urdf,
-        joint_topic=joint_topic,
-        by_namespace=by_namespace,
-        mix=mix,
-        stamp_unit=stamp_unit,
-    )
+    return load_into(_buffer(self), path, selected(load, selection), progress)
 
 
 def set_trajectory(

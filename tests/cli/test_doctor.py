@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
 
 from tfdb.judging.doctor import KINDS, Finding, Limits, Log, disconnected, examine
+from tfdb.recordings import Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Tool
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -458,3 +466,19 @@ def test_disconnected() -> None:
 
 def test_every_kind_has_a_severity() -> None:
     assert {severity for severity, _ in KINDS.values()} == {"error", "warning"}
+
+
+@pytest.mark.parametrize("command", [("check",), ("gaps",), ("monitor",)], ids=str)
+def test_a_recording_is_read_once(
+    tool: Tool, bag: Path, command: tuple[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads: list[Path] = []
+    read = Recording.read
+
+    def counted(self: Recording, *arguments: Any) -> Any:
+        reads.append(self.path)
+        return read(self, *arguments)
+
+    monkeypatch.setattr(Recording, "read", counted)
+    tool(*command, bag, "--json")
+    assert reads == [bag]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import re
 import shlex
@@ -13,6 +14,8 @@ import pytest
 
 from tfdb.cli import checkout_only
 from tfdb.cli.app import COMMANDS, cli
+from tfdb.cli.selecting import flag_of
+from tfdb.recordings import Selection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,6 +57,29 @@ def test_help_says_what_for_and_gives_an_example(tool: Tool, name: str) -> None:
         command, words = command.commands[words[0]], words[1:]
     with command.make_context(name, words) as context:
         assert context.args == []
+
+
+READS = {
+    name for name, command in EVERY.items() if "--topic" in str([p.opts for p in command.params])
+}
+
+
+@pytest.mark.parametrize("name", sorted(READS))
+def test_options_that_select_what_is_read_have_a_title_of_their_own(tool: Tool, name: str) -> None:
+    _, options = tool(*name.split(), "--help").out.split("Options:\n")
+    others, selecting = options.split("\nSelect what is read:\n")
+    assert "--json" in others
+    assert "--topic" not in others
+    flags = set(re.findall(r"^  (--[a-z-]+)", selecting, re.MULTILINE))
+    fields = {flag_of(each.name) for each in dataclasses.fields(Selection)}
+    own = {"poses": {"--start", "--end"}, "merge": {"--prefix"}}.get(name, set())
+    if name == "static-publisher":
+        own = fields - {"--topic", "--by-namespace", "--mix"}
+    assert flags == fields - own
+
+
+def test_commands_that_read_recordings_are_found() -> None:
+    assert {"check", "convert", "info", "merge", "monitor", "plot", "rename", "serve bag"} <= READS
 
 
 @pytest.mark.parametrize(
@@ -132,7 +158,7 @@ def test_a_mistyped_topic_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: P
     assert said.endswith("; did you mean '/tf'?")
     assert tool("info", bag, "--topic", "/tff", code=2).error.endswith("; did you mean '/tf'?")
     said = tool("convert", bag, tmp_path / "o.bag", "--topic", "tf_satic", code=2).error
-    assert said.endswith("are missing; found: /tf, /tf_static; did you mean '/tf_static'?")
+    assert said.endswith("; did you mean '/tf_static'?")
 
 
 def test_a_mistyped_model_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:

@@ -58,8 +58,8 @@ def test_poses_of_a_store(tool: Tool, bag: Path, served: str, tmp_path: Path) ->
 def test_what_goes_with_files_only(tool: Tool, bag: Path, served: str) -> None:
     assert "only files can be read" in tool("convert", served, "x.bag", code=2).error
     assert "read alone" in tool("info", served, bag, code=2).error
-    assert "has no topics" in tool("info", served, "--topic", "/tf", code=2).error
-    assert "has no topics" in tool("check", served, "--salvage", code=2).error
+    assert "--topic goes with recordings" in tool("info", served, "--topic", "/tf", code=2).error
+    assert "--salvage goes with recordings" in tool("check", served, "--salvage", code=2).error
     assert "watches what is live" in tool("check", bag, "--for", "1", code=2).error
     assert (
         "frame 'maps' does not exist; did you mean 'map'"

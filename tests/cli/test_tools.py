@@ -139,7 +139,7 @@ def test_what_echo_refuses(tool: Tool, bag: Path, name: str) -> None:
     assert "exclude" in tool("echo", *store, "-t", "1", "-o", "1", code=2).error
     assert "absolute" in tool("echo", *store, "-t", "+1", code=2).error
     assert "for what is live" in tool("echo", bag, "a", "b", "--each", code=2).error
-    assert "no topics" in tool("echo", *store, "--topic", "/tf", code=2).error
+    assert "--topic goes with recordings" in tool("echo", *store, "--topic", "/tf", code=2).error
     assert "tfdb shm ls" in tool("echo", "shm:none-such", "a", "b", code=2).error
 
 

@@ -96,6 +96,10 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
         ("Buffer", "concurrency"): tfdb.Buffer,
         ("Buffer.load", "stamp_unit"): lambda **more: tfdb.Buffer().load(BAG, **more),
         ("load", "stamp_unit"): lambda **more: tfdb.load(BAG, **more),
+        ("recordings.Selection", "stamp_unit"): tfdb.recordings.Selection,
+        ("recordings.follow_recording", "stamp_unit"): lambda **more: (
+            tfdb.recordings.follow_recording(tfdb.Buffer(), BAG, **more)
+        ),
         ("Buffer.open", "mode"): lambda **more: tfdb.Buffer.open("words", **more),
         ("Buffer.ingest", "encoding"): lambda **more: buf.ingest(b"", **more),
         ("Buffer.ingest_many", "encoding"): lambda **more: buf.ingest_many([b""], **more),

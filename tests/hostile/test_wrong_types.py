@@ -90,7 +90,7 @@ def leaks(call: Callable[..., object], good: list[Any]) -> list[str]:
         *(
             "recordings.write_transforms",
             "robots.parse_urdf",
-            "recordings.load_recordings",
+            "recordings.follow_recording",
             "trajectories.write_parquet",
         ),
         *("robots.RobotModel", "open"),
@@ -115,7 +115,7 @@ def test_a_wrong_type_is_refused_in_our_words(
             [tfdb.TransformStamped("a", "b", 5, (1, 2, 3))],
         ],
         "robots.parse_urdf": ["<robot name='x'><link name='a'/></robot>"],
-        "recordings.load_recordings": [tfdb.Buffer(history=None), [bag]],
+        "recordings.follow_recording": [tfdb.Buffer(history=None), "none.mcap"],
         "robots.RobotModel": ["arm", ("base",), {}, "base"],
         "open": ["none.tfdb"],
         "Extrapolate": [1.0],

@@ -53,7 +53,7 @@ def grow(monkeypatch: pytest.MonkeyPatch) -> Any:
             steps.pop(0)()
 
     clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now[0], perf_counter=lambda: now[0])
-    monkeypatch.setattr("tfdb.recordings.loading.time", clock)
+    monkeypatch.setattr("tfdb.recordings.following.time", clock)
     return steps
 
 
@@ -119,7 +119,7 @@ def test_others_read_what_came_so_far(grow: Any, tmp_path: Path) -> None:
         path.write_bytes(whole)
 
     grow.append(half)
-    tfdb.recordings.follow_recording(buffer, path, "/tf", start=0)
+    tfdb.recordings.follow_recording(buffer, path, topics="/tf", start=0)
     assert S < samples[0] < 60 * S
     assert buffer.frames() == ["base", "map"]
     assert buffer.frame_info("base").newest == 60 * S

@@ -131,14 +131,28 @@ def test_parts_of_a_recording_agree(
     assert tfdb.load(paths[::-1]).frame_info("base").samples == samples
 
 
-def test_a_static_transform_may_change_from_one_recording_to_the_next(
+def test_a_static_transform_that_changes_from_one_recording_to_the_next_contradicts(
     recorder: Recorder, tmp_path: Path
 ) -> None:
+    """A static transform holds at all times, also at those of the other file."""
     later = replace(fixed("/tf_static", 2)[0], received=START + 60 * STEP)
     first = [*driven("/tf"), *fixed("/tf_static")]
     paths = files(recorder, tmp_path, first, [*driven("/tf", rows=range(60, 90)), later])
-    buffer = tfdb.load(paths)
-    assert buffer.lookup_transform("base", "laser", START).translation[0] == 2
+    with pytest.raises(tfdb.errors.MixedSources, match="laser"):
+        tfdb.load(paths)
+    mixed = tfdb.load(paths, mix=True)
+    assert mixed.lookup_transform("base", "laser", START).translation[0] == 2
+
+
+def test_a_static_edge_of_one_file_that_moves_in_another_contradicts(
+    recorder: Recorder, tmp_path: Path
+) -> None:
+    static = [replace(each, topic="/tf_static") for each in driven("/tf", x=3, rows=range(90, 91))]
+    paths = files(recorder, tmp_path, driven("/tf"), static)
+    with pytest.raises(tfdb.errors.MixedSources, match="base"):
+        tfdb.load(paths)
+    with pytest.warns(tfdb.TfdbWarning, match="StaticConflict"):
+        assert tfdb.load(paths, mix=True).frame_info("base").samples == 50
 
 
 def test_recordings_of_two_runs_of_a_simulation_contradict(

@@ -14,8 +14,9 @@ import pytest
 import tfdb
 from tfdb import _core
 from tfdb.recordings import Recording, RecordingWriter
-from tfdb.recordings.choice import Choice
 from tfdb.recordings.recorded_edges import RecordedEdges
+from tfdb.recordings.rewriter import Rewriter
+from tfdb.recordings.selection import Selection
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -251,7 +252,7 @@ def test_an_error_in_the_choice_ends_the_load(tmp_path: Path) -> None:
 def surveys(path: Path) -> tuple[RecordedEdges | None, RecordedEdges]:
     """The edges that a native survey finds, and those of a store that has everything."""
     survey, everything = _core.EdgeSurvey(), tfdb.Buffer(history=None)
-    rewriter = Choice().without_survey()
+    rewriter = Rewriter(Selection().choice, (None, None), None)
     with Recording(path) as recording:
         for run in recording.read(None, lambda source: (source.encoding, source.is_static)):
             rewriter.survey(run, survey, run.source.encoding, run.source.is_static)

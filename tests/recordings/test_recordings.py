@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import tfdb
-from tfdb.recordings import LoadReport, Recording, load_recordings
+from tfdb.recordings import LoadReport, Recording
 
 TF_TYPES = {"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"}
 Sample = tuple[str, str, int, tuple[float, ...], bool]
@@ -368,9 +368,11 @@ def test_a_recording_by_itself(recorder: Any, messages: list[Any], tmp_path: Pat
     assert len(only) == 300
 
 
-def test_report_of_the_function(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
+def test_the_report_has_the_time_it_took(
+    recorder: Any, messages: list[Any], tmp_path: Path
+) -> None:
     path = recorder.bag(tmp_path / "a.bag", messages)
-    report = load_recordings(tfdb.Buffer(history=None), [str(path)])
+    report = tfdb.Buffer(history=None).load([str(path)])
     assert isinstance(report, LoadReport)
     assert report.seconds > 0
 

@@ -12,15 +12,17 @@ import pytest
 import tfdb
 from tfdb import _core
 from tfdb.recordings import Recording, RecordingWriter
-from tfdb.recordings.choice import Choice
-from tfdb.recordings.loading import Selection, refused_by
-from tfdb.recordings.rewriting import Rewriting, merged
+from tfdb.recordings.load_report import refused_by
+from tfdb.recordings.open_recordings import open_recordings
+from tfdb.recordings.rewriting import Rewriting, merged, rewrite
+from tfdb.recordings.selection import Selection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from tfdb.recordings.choice import Rewriter
+    from tfdb.recordings.open_recordings import OpenRecordings
+    from tfdb.recordings.rewriter import Rewriter
 
 S = 10**9
 FRAMES = ["map", "odom", "base", "cam", "/two", "\u00e4", "t#l", ""]
@@ -70,21 +72,22 @@ def record(path: Path, seed: int) -> Path:
     return path
 
 
-def resolved(recording: Recording, options: dict[str, Any]) -> tuple[Selection, Rewriter]:
-    choice = Choice(**options)
-    selection = Selection(None, choice)
-    return selection, choice.resolve([recording], selection.wants, selection.kind)
+def opened(path: Path, options: dict[str, Any]) -> OpenRecordings:
+    """Open a recording of groups that may disagree: its topics are named."""
+    with Recording(path) as recording:
+        topics = [topic.name for topic in recording.topics]
+    return open_recordings(path, Selection(topics=topics, **options))
 
 
 def in_python(
-    recording: Recording, options: dict[str, Any], encoding: str
+    recordings: OpenRecordings, encoding: str
 ) -> tuple[list[tuple[str, int, list[str]]], list[int], Rewriter]:
     """What is written of a recording, how much of each kind, and what was refused."""
-    selection, rewriter = resolved(recording, options)
+    choice, rewriter = recordings.choice, recordings.rewriter()
     written: list[tuple[str, int, list[str]]] = []
     transforms = refused = broken = left_out = 0
-    for source, received, data in recording.messages(selection.wants):
-        static, before = selection.is_static(source), len(rewriter.refused_members)
+    for source, received, data in recordings.files[0].messages(choice.wants):
+        static, before = choice.is_static(source), len(rewriter.refused_members)
         try:
             given = rewriter.decoded(data, source, received, static=static)
         except tfdb.TfdbError as error:
@@ -117,11 +120,11 @@ def test_python_would_write_the_same(
 ) -> None:
     path = record(tmp_path / f"in.{kind}", 3)
     out = tmp_path / f"out.{to}"
-    with Recording(path) as recording, RecordingWriter(out) as writer:
-        expected, counts, python = in_python(recording, options, writer.encoding)
-        selection, rewriter = resolved(recording, options)
-        rewriting = Rewriting(writer, selection, {})
-        for part in rewriting.messages(recording, rewriter):
+    with opened(path, options) as recordings, RecordingWriter(out) as writer:
+        expected, counts, python = in_python(recordings, writer.encoding)
+        rewriter = recordings.rewriter()
+        rewriting = Rewriting(writer, recordings.choice)
+        for part in rewriting.messages(recordings.files[0], rewriter):
             writer.write_messages(part)
     with Recording(out) as written:
         found = [
@@ -139,7 +142,7 @@ def test_python_would_write_the_same(
     ] == counts
     assert min(counts[:4]) > 0
     by_edge = {(each.edge, each.error, each.is_message): each for each in refused_by([python])}
-    natively = rewriting._natively.refusals()
+    natively = rewriting.refusals()
     assert {(each.edge, each.error, each.is_message): each for each in natively} == by_edge
     assert rewriter.left_out == python.left_out
 
@@ -159,10 +162,9 @@ def test_messages_that_stay_keep_their_bytes(tmp_path: Path) -> None:
     with RecordingWriter(path) as writer:
         for received, data in enumerate([kept, changed], 10):
             writer.write(bytes(data), received, topic="/tf", authority="/node")
-    with Recording(path) as recording, RecordingWriter(out) as writer:
-        selection, rewriter = resolved(recording, {"rename": {"arm": "tool"}})
-        for part in Rewriting(writer, selection, {}).messages(recording, rewriter):
-            writer.write_messages(part)
+    renamed = {"rename": {"arm": "tool"}}
+    with opened(path, renamed) as recordings, RecordingWriter(out) as writer:
+        rewrite(recordings, [recordings.rewriter()], writer)
     with Recording(out) as written:
         first, second = (data for _, _, data in written.messages())
     assert first == kept

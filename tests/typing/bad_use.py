@@ -48,6 +48,10 @@ path @ path  # error
 tfdb.stamp(stamps).bit_length()  # error
 tfdb.stamp("5").tolist()  # error
 tfdb.load("drive.bag", start=5.0)  # error
+tfdb.load("drive.bag", exclude=5)  # error
+tfdb.load("drive.bag", no_such=5)  # error
+tfdb.Buffer().load("drive.bag", keep="5")  # error
+tfdb.recordings.Selection(frames=5)  # error
 print(tfdb.load("drive.bag").messages)  # error
 tfdb.compare(path, found)  # error
 tfdb.compare(path, path, align="SE3")  # error

@@ -174,3 +174,10 @@ def tf2(buffer: tfdb.tf2.Buffer) -> None:
     assert_type(buffer.can_transform("map", "base", 0), bool)
     answer = buffer.can_transform("map", "base", 0, return_debug_tuple=True)
     assert_type(answer, tuple[bool, str])
+
+
+report = tfdb.Buffer(history=None).load("drive.bag", start="+1", exclude=["cam"], topics="/tf")
+read: list[tfdb.recordings.TopicReport] = list(report.topics)
+loaded: tfdb.Buffer = tfdb.load("drive.bag", rename={"map": "world"}, mix=True, cache=True)
+selection = tfdb.recordings.Selection(keep=5.0, stamp_unit="ms")
+kept: float | None = selection.keep

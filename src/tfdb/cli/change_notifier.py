@@ -16,6 +16,7 @@ from tfdb.store.waiting import NO_ANSWER_YET
 from . import common, layout, output
 from .graph import live_source, node_option
 from .groups import SuggestingCommand
+from .selecting import refuse_selection, selection_options
 from .times import NS
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ _KEPT = 10 * NS
     help="Topic of the changes in a graph, as tf2_msgs/TFMessage.",
 )
 @node_option
-@common.topic_option
+@selection_options
 @common.json_lines_option
 def command(
     *,
@@ -84,7 +85,6 @@ def command(
     angle: float,
     rate: float,
     topic: str,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Report and publish when one frame has moved relative to another.
@@ -98,11 +98,11 @@ def command(
     watched = [Pair(*pair) for pair in pairs or (("map", "base_link"),)]
     told = Told(file, distance, angle, as_json=as_json)
     if common.is_live(file):
-        common.refuse_parts((file,), topics, "live", "it")
+        refuse_selection((file,), "live", "it")
         with live_source(file, history=_KEPT) as live:
             _follow(live, watched, told, rate, topic)
         return
-    loaded = common.load((file,), topics)
+    loaded = common.load((file,))
     for pair in watched:
         pair.target, pair.source = common.find_frames(loaded.store, pair.target, pair.source)
     for now in _steps(loaded.span, rate):

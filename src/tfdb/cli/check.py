@@ -11,7 +11,7 @@ import click
 import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_date, format_ns, format_when
-from tfdb.judging.arrivals import Arrivals, read_arrivals
+from tfdb.judging.arrivals import Arrivals
 from tfdb.judging.doctor import (
     KINDS,
     Finding,
@@ -21,15 +21,17 @@ from tfdb.judging.doctor import (
     leading_slashes,
     sort_key,
 )
-from tfdb.recordings.choice import describe_untimed
+from tfdb.recordings.arrivals import ArrivalReader
 from tfdb.recordings.containers import prefix_of_topic
-from tfdb.recordings.loading import describe_refused
+from tfdb.recordings.load_report import describe_refused
+from tfdb.recordings.rewriter import describe_untimed
 from tfdb.store.summary import Forest
 
 from . import common, layout, output
 from .graph import LISTENS, Live, is_graph, listening, node_option
 from .groups import OneOf, SuggestingCommand
 from .info import mixed_body, rows_body, say_rows
+from .selecting import refuse_selection, selection_options
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
@@ -70,7 +72,7 @@ if TYPE_CHECKING:
     "data.  [default of a graph: 5]",
 )
 @node_option
-@common.topic_option
+@selection_options
 @layout.wide_option
 @common.json_option
 def command(
@@ -81,7 +83,6 @@ def command(
     coverage: int | None,
     ignore: tuple[str, ...],
     length: int | None,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Find faults of a recording: gaps, late data, double publishers, time jumps.
@@ -97,7 +98,7 @@ def command(
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
-        loaded, arrivals = examined(files, topics, length)
+        loaded, arrivals = examined(files, length)
     found = [
         *_refused(loaded),
         *_lost(loaded),
@@ -121,48 +122,37 @@ def command(
         click.get_current_context().exit(1)
 
 
-def examined(
-    names: tuple[str, ...], topics: tuple[str, ...], length: int | None
-) -> tuple[common.Loaded, Arrivals]:
+def examined(names: tuple[str, ...], length: int | None) -> tuple[common.Loaded, Arrivals]:
     """Load what is to be examined, and say what arrived how."""
     if length is not None and not common.is_live(names[0]):
         raise click.UsageError("--for watches what is live: give shm:NAME, ros1: or ros2:")
     from tfdb.judging.follower import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for what is live alone
 
     if any(is_graph(name) for name in names):
-        common.refuse_parts(names, topics, "a graph", "ros1: or ros2:")
+        refuse_selection(names, "a graph", "ros1: or ros2:")
         seconds = (LISTENS if length is None else length) / NS
         with listening(names[0], history=None) as live, common.progress_bar("watching") as update:
             arrivals = watch_arrivals(live, seconds, update)
             return common.Loaded(live.store.snapshot(), None, names), arrivals
-    loaded = common.load(names, topics, verify=True, apart=True)
-    report = loaded.report
-    if report is not None:
-        with common.progress_bar("checking") as update:
-            static = {topic.name: topic.static for topic in report.topics}
-            found = read_arrivals(
-                report.files,
-                static,
-                update,
-                salvage=common.salvages(),
-                options=common.chosen(),
-            )
-    elif length is None:
-        found = stored_arrivals(loaded.store)
-    else:
-        with common.progress_bar("watching") as update:
-            found = watch_arrivals(Live(common.open_live(names[0])), length / NS, update)
+    reader = ArrivalReader()
+    loaded = common.load(names, verify=True, apart=True, arrivals=reader)
+    if reader.found is not None:
+        return loaded, Arrivals.of(reader.found)
+    if length is None:
+        return loaded, stored_arrivals(loaded.store)
+    with common.progress_bar("watching") as update:
+        found = watch_arrivals(Live(common.open_live(names[0])), length / NS, update)
     return loaded, found
 
 
 def _trees(loaded: common.Loaded) -> list[Finding]:
     forest = Forest(loaded.store.tree())
     sizes = [(root, sum(1 for _ in forest.walk(root))) for root in forest.roots]
-    if loaded.report is None or not common.chosen().get("by_namespace"):
+    if loaded.report is None or not loaded.selection.by_namespace:
         return disconnected(sizes)
     # Groups of topics that are kept apart are trees of their own.
     topics = [topic.name for topic in loaded.report.topics]
-    before = common.chosen().get("prefix", "")
+    before = loaded.selection.choice.prefix
     prefixes = {before + prefix_of_topic(name, transforms=True) for name in topics}
     apart: dict[str, list[tuple[str, int]]] = defaultdict(list)
     for root, size in sizes:

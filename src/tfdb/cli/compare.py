@@ -14,6 +14,7 @@ from tfdb.store.frozen import is_frozen
 from . import common, layout, output
 from .groups import OneOf, SuggestingCommand
 from .pictures import need_matplotlib, picture_files, write_pictures
+from .selecting import given, selection_options
 from .times import NS, duration_option, offset_option
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def comparison_options(command: FC) -> FC:
     "or the given path; repeatable.",
 )
 @common.overwrite_option
-@common.topic_option
+@selection_options
 @common.json_option
 def command(
     *,
@@ -150,7 +151,6 @@ def command(
     frames: tuple[str, str] | None,
     saved: tuple[str, ...],
     overwrite: bool,
-    topics: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -167,7 +167,7 @@ def command(
         common.check_output(str(path), read, overwrite=overwrite)
     if outs:
         need_matplotlib()
-    found, ours, theirs = find(reference, estimate, frames, topics, "with --frames", options)
+    found, ours, theirs = find(reference, estimate, frames, "with --frames", options)
     if outs:
         figure = found.plot(title=title_of(reference, estimate))
         write_pictures(figure, outs, overwrite=overwrite)
@@ -205,7 +205,6 @@ def find(
     reference: str,
     estimate: str,
     frames: Sequence[str] | None,
-    topics: tuple[str, ...],
     how: str,
     options: dict[str, Any],
 ) -> tuple[Comparison, Trajectory, Trajectory]:
@@ -213,8 +212,10 @@ def find(
 
     `how` says where the frames are named.
     """
-    unit = common.take("stamp_unit")
-    if (topics or common.chosen()) and not any(_has_frames(name) for name in (reference, estimate)):
+    chosen = given()
+    unit = chosen.pop("stamp_unit", None)
+    named = any(_has_frames(name) for name in (reference, estimate))
+    if chosen.keys() - {"salvage"} and not named:
         raise click.UsageError("what is read of a recording can be chosen; these are trajectories")
     from tfdb.comparing.inputs import Reading, goes_by_rows  # noqa: PLC0415 - brings numpy
 
@@ -223,11 +224,11 @@ def find(
     by_default = options["association"] == "interpolate" and not live
     if by_default and goes_by_rows(reference, estimate, options["delta_unit"]):
         options["association"] = "rows"
-    reading = Reading(common.salvages(), unit, options["association"] == "rows")
+    reading = Reading("salvage" in chosen, unit, options["association"] == "rows")
     others = options.pop("estimate_frames") or frames
     limit = options.pop("max_diff")
-    ours = _read(reference, frames, topics, how, reading)
-    theirs = _read(estimate, others, topics, "with --estimate-frames", reading)
+    ours = _read(reference, frames, how, reading)
+    theirs = _read(estimate, others, "with --estimate-frames", reading)
     found = tfdb.compare(ours, theirs, max_diff=None if limit is None else limit / NS, **options)
     return found, ours, theirs
 
@@ -235,7 +236,6 @@ def find(
 def _read(
     name: str,
     frames: Sequence[str] | None,
-    topics: tuple[str, ...],
     how: str,
     reading: Reading,
 ) -> Trajectory:
@@ -246,7 +246,7 @@ def _read(
         return given_trajectory(name, None, "trajectory", "frames", reading)
     if frames is None:
         raise click.UsageError(f"{name} holds frames: name two {how} TARGET SOURCE")
-    store = common.load((name,), topics).store
+    store = common.load((name,)).store
     target, source = common.find_frames(store, *frames)
     return store.trajectory(target, source, missing="skip")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,20 +10,19 @@ import tfdb
 from tfdb.data.argument_checks import unknown_ending
 from tfdb.data.counting import counted
 from tfdb.data.path_checks import given_path
-from tfdb.recordings.choice import Choice, absolute, did_you_mean
 from tfdb.recordings.containers import TRAJECTORIES
-from tfdb.recordings.loading import Selection
 from tfdb.recordings.recording_writer import RecordingWriter
-from tfdb.recordings.rewriting import Rewriting, Written
+from tfdb.recordings.rewriting import Written, rewrite
+from tfdb.recordings.selection import absolute
 
 from . import common, layout, output
 from .groups import SuggestingCommand
+from .selecting import selection_options
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
-    from tfdb.recordings.recording import Recording
     from tfdb.trajectories.file_formats import Format
 
 RECORDINGS = (".bag", ".mcap", ".db3")
@@ -44,7 +42,7 @@ RERUN = ".rrd"
 @click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.format_option
 @common.overwrite_option
-@common.topic_option
+@selection_options
 @common.json_option
 def command(
     *,
@@ -55,7 +53,6 @@ def command(
     compress: bool,
     kind: Format | None,
     overwrite: bool,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Rewrite the transforms of a recording as .bag, .mcap, .db3 or a trajectory.
@@ -85,21 +82,20 @@ def command(
     inputs = common.find_paths(files)
     common.check_output(out, inputs, overwrite=overwrite)
     if frames is not None:
-        loaded = common.load(files, topics)
+        loaded = common.load(files)
         target, source = common.find_frames(loaded.store, *frames)
         poses = loaded.store.trajectory(target, source)
         poses.save(out, kind, overwrite=overwrite)
         messages = loaded.report.messages if loaded.report else 0
         written = Written(messages, len(poses.stamps))
     elif foxglove or suffix == RERUN:
-        loaded = common.load(files, topics)
+        loaded = common.load(files)
         export = tfdb.to_foxglove if foxglove else tfdb.to_rerun
         messages = loaded.report.messages if loaded.report else 0
         written = Written(messages, export(loaded.store, out, overwrite=overwrite))
     else:
-        renamed = common.parse_topics(topics)
         writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
-        written = rewrite(inputs, writer, renamed)
+        written = write_selected(inputs, writer)
     if as_json:
         output.emit_json("convert", body(inputs, out, written))
         return
@@ -138,51 +134,21 @@ def body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
     }
 
 
-def rewrite(
-    inputs: Sequence[Path],
-    writer: RecordingWriter,
-    renamed: Mapping[str, str] | None,
-    *,
-    strict: bool = False,
+def write_selected(
+    inputs: Sequence[Path], writer: RecordingWriter, *, strict: bool = False
 ) -> Written:
-    """Write what was chosen of the recordings; `strict`: every frame to be renamed is there."""
-    with ExitStack() as stack:
-        recordings = common.opened(stack, inputs)
-        recordings.sort(key=lambda recording: recording.start)
-        choice = Choice(**common.chosen())
-        selection = Selection(renamed, choice)
-        choice.check_topics(recordings)
-        rewriter = choice.resolve(recordings, selection.wants, selection.kind)
-        selection.refuse_parts(recordings, rewriter)
-        total = selection.count(recordings)
-        if not total:
-            raise click.ClickException(_why_none(recordings, selection))
-        stack.enter_context(writer)
-        update = stack.enter_context(common.progress_bar("converting"))
-        rewriting = Rewriting(writer, selection, renamed or {})
-        rewriting.write_fixed_joints([rewriter], recordings[0].start)
-        total += rewriting.written.messages
-        for recording in recordings:
-            for part in rewriting.messages(recording, rewriter):
-                writer.write_messages(part)
-                if update is not None:
-                    update(rewriting.written.read, total)
-        if strict:
-            rewriter.check_renamed()
-        rewriter.warn(", ".join(map(str, inputs)), 2)
-        rewriting.warn_of_refused(inputs, [rewriter])
-        written = rewriting.written
-        if not written.messages and rewriter.left_out:
-            raise click.ClickException(f"nothing to convert: {rewriter.reason()}")
+    """Write what was selected of recordings; `strict`: every frame to be renamed is there."""
+    with common.open_selected(inputs) as recordings:
+        rewriter = recordings.rewriter(one_tree=False)
+        if not recordings.count:
+            topics = sorted({absolute(source.topic) for source in recordings.sources})
+            text = f"nothing to convert: no message of {', '.join(topics)} could be read"
+            raise click.ClickException(text)
+        with writer, common.progress_bar("converting") as update:
+            written = rewrite(recordings, [rewriter] * len(inputs), writer, update)
+            if strict:
+                rewriter.check_renamed()
+            if not written.messages and rewriter.left_out:
+                raise click.ClickException(f"nothing to convert: {rewriter.reason()}")
+        rewriter.warn(recordings.names, 2)
     return written
-
-
-def _why_none(recordings: Sequence[Recording], selection: Selection) -> str:
-    """Return why no message can be converted."""
-    sources = [source for recording in recordings for source in recording.all_sources]
-    empty = sorted({absolute(source.topic) for source in sources if selection.wants(source)})
-    if empty:
-        return f"nothing to convert: no message of {', '.join(empty)} could be read"
-    found = sorted({absolute(topic.name) for each in recordings for topic in each.topics})
-    hint = did_you_mean(sorted(selection.names), found)
-    return f"the topics to convert are missing; found: {', '.join(found) or 'none at all'}{hint}"

@@ -19,6 +19,7 @@ from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
+from .selecting import refuse_selection, selection_options
 from .times import LATEST, NS, TimeSpec, duration_option, offset_option, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ if TYPE_CHECKING:
 )
 @common.policy_option
 @node_option
-@common.topic_option
+@selection_options
 @common.json_lines_option
 def command(
     *,
@@ -95,7 +96,6 @@ def command(
     precision: int,
     cache_time: int,
     policy: Any,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Print one transform repeatedly, with its age, like tf2_echo.
@@ -116,13 +116,13 @@ def command(
     if common.is_live(file):
         if (time or LATEST).since:
             raise click.UsageError(f"{file} is live: give an absolute time, or --offset")
-        common.refuse_parts((file,), topics, "live", "it")
+        refuse_selection((file,), "live", "it")
         with live_source(file, history=cache_time) as live:
             echo(live, question.plain(), None if each else 1 / rate, printer, limit)
         return
     if each:
         raise click.UsageError("--each is for what is live: a recording is walked through at -r")
-    loaded = common.load((file,), topics)
+    loaded = common.load((file,))
     answered = False
     for now in _steps(loaded, question.found_in(loaded), rate, limit):
         found = question.ask(loaded.store, now)

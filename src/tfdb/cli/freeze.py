@@ -14,6 +14,7 @@ from tfdb.store.frozen import SUFFIX
 from . import common, layout, output
 from .graph import listen_option
 from .groups import SuggestingCommand
+from .selecting import selection_options
 
 
 @click.command("freeze", cls=SuggestingCommand)
@@ -28,14 +29,13 @@ from .groups import SuggestingCommand
 )
 @common.overwrite_option
 @listen_option
-@common.topic_option
+@selection_options
 @common.json_option
 def command(
     *,
     files: tuple[str, ...],
     out: str | None,
     overwrite: bool,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Write a recording into a .tfdb file, which opens in constant time.
@@ -55,7 +55,7 @@ def command(
         first = first if first.name.strip(".") else first.resolve()
         out = str(first.with_name(first.name if first.is_dir() else first.stem)) + SUFFIX
     common.check_output(out, inputs, overwrite=overwrite)
-    loaded = common.load(files, topics)
+    loaded = common.load(files)
     loaded.store.freeze(out, overwrite=overwrite)
     body = _body(loaded, out)
     if as_json:

@@ -17,6 +17,7 @@ from . import common, layout, output
 from .check import examined
 from .graph import node_option
 from .groups import SuggestingCommand
+from .selecting import selection_options
 from .times import duration_option
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     "[default of a graph: 5]",
 )
 @node_option
-@common.topic_option
+@selection_options
 @layout.wide_option
 @common.json_option
 def command(
@@ -43,7 +44,6 @@ def command(
     files: tuple[str, ...],
     max_gap: int | None,
     length: int | None,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """List the gaps of each edge: start, length, publishers before and after.
@@ -55,7 +55,7 @@ def command(
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # 'tfdb check' tells them
-        loaded, arrivals = examined(files, topics, length)
+        loaded, arrivals = examined(files, length)
     loaded.warn_of_mixture()
     order = {row.info.name: i for i, row in enumerate(Forest(loaded.store.tree()).rows())}
     found = holes(arrivals.log, max_gap)

@@ -18,6 +18,14 @@ if TYPE_CHECKING:
 _NEGATIVE = re.compile(r"-\.?[0-9]")
 
 
+class TitledOption(click.Option):
+    """An option that help lists under a title."""
+
+    def __init__(self, *args: Any, title: str, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.title = title
+
+
 class SuggestingCommand(click.Command):
     """A command with arguments that may begin with a dash: frames, and numbers below zero.
 
@@ -42,6 +50,17 @@ class SuggestingCommand(click.Command):
             raise click.UsageError(
                 f"{said}; a name that begins with a dash, such as {glued[0]}, goes behind --", ctx
             ) from error
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the options, those with a title below it."""
+        sections: dict[str, list[tuple[str, str]]] = {"Options": []}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if record is not None:
+                sections.setdefault(getattr(param, "title", "Options"), []).append(record)
+        for title, records in sections.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
 
     def _is_glued(self, word: str) -> bool:
         """Whether a word is a short option and its value in one."""

@@ -14,6 +14,7 @@ from tfdb.store.summary import EdgeSummary, Forest, edge_summaries, span
 from . import common, layout, output
 from .graph import listen_option
 from .groups import SuggestingCommand
+from .selecting import selection_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,17 +22,17 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     import tfdb
-    from tfdb.recordings.loading import LoadReport
+    from tfdb.recordings.load_report import LoadReport
     from tfdb.trajectories.reading_report import TrajectoryRows
 
 
 @click.command("info", cls=SuggestingCommand)
 @common.files_argument
 @listen_option
-@common.topic_option
+@selection_options
 @layout.wide_option
 @common.json_option
-def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
+def command(*, files: tuple[str, ...], as_json: bool) -> None:
     """Show what a recording holds: topics, frames, edges with rates, gaps, duration.
 
     Example: tfdb info drive.mcap
@@ -39,7 +40,7 @@ def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -
     Several FILEs are parts of one recording. A shared store (shm:NAME), a live graph (ros1:, ros2:)
     and a frozen store (FILE.tfdb) are shown without topics.
     """
-    loaded = common.load(files, topics, apart=True)
+    loaded = common.load(files, apart=True)
     edges = edge_summaries(loaded.store)
     if as_json:
         output.emit_json("info", _body(loaded, edges))
@@ -61,7 +62,11 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
         "refused": report and report.refused,
         **rows_body(report),
         "refused_transforms": report and report.refused_transforms,
-        **({"lost": [vars(loss) for loss in report.lost]} if report and common.salvages() else {}),
+        **(
+            {"lost": [vars(loss) for loss in report.lost]}
+            if report and loaded.selection.salvage
+            else {}
+        ),
         "mixed": None if loaded.mixed is None else mixed_body(loaded.mixed),
         "frames": len(loaded.store.frames()),
         "roots": [info.name for info in loaded.store.tree() if info.parent is None],

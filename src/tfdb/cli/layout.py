@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from tfdb.recordings.loading import LoadReport
+    from tfdb.recordings.load_report import LoadReport
 
     Cell: TypeAlias = str | Text
 

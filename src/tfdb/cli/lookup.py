@@ -14,6 +14,7 @@ from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import listen_option
 from .groups import SuggestingCommand
+from .selecting import selection_options
 from .times import TimeSpec, ask_of_offsets, time_option
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 @common.policy_option
 @common.more_option
 @listen_option
-@common.topic_option
+@selection_options
 @layout.wide_option
 @common.json_option
 def command(
@@ -39,7 +40,6 @@ def command(
     time: TimeSpec,
     policy: Any,
     more: tuple[str, ...],
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Look up one transform T[TARGET<-SOURCE], and show how it was computed.
@@ -52,7 +52,7 @@ def command(
     the end (-0.5). 'latest' is the newest stamp at which every edge has data. From a live graph,
     ros1: or ros2:, the command waits for the transform.
     """
-    loaded = common.load((file, *more), topics, there=lambda s: _is_there(s, target, source, time))
+    loaded = common.load((file, *more), there=lambda s: _is_there(s, target, source, time))
     store = loaded.store
     target, source = common.find_frames(store, target, source)
     stamp = time.resolve(loaded.span)

@@ -3,34 +3,28 @@
 from __future__ import annotations
 
 import warnings
-from contextlib import ExitStack
 from functools import partial
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import click
 
 import tfdb
-from tfdb.data.counting import counted
-from tfdb.data.time_text import format_when
-from tfdb.recordings.choice import Choice
-from tfdb.recordings.loading import Selection
+from tfdb.recordings.open_recordings import each_once, survey_edges
 from tfdb.recordings.recording_writer import RecordingWriter
-from tfdb.recordings.rewriting import Rewriting, Written, merged
-from tfdb.store.summary import span
+from tfdb.recordings.rewriting import Written, rewrite
 
 from . import common, layout, output
 from .convert import body, describe, recording_path
 from .groups import SuggestingCommand
+from .selecting import selection_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
-    from tfdb import Buffer
-    from tfdb.data.types import FrameInfo
-    from tfdb.recordings.choice import Rewriter
+    from tfdb.recordings.open_recordings import OpenRecordings
     from tfdb.recordings.recording import Recording
+    from tfdb.recordings.rewriter import Rewriter
 
 
 @click.command("merge", cls=SuggestingCommand)
@@ -46,7 +40,7 @@ if TYPE_CHECKING:
 )
 @click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.overwrite_option
-@partial(common.topic_option, prefix=False)
+@partial(selection_options, without=("prefix",))
 @common.json_option
 def command(
     *,
@@ -55,7 +49,6 @@ def command(
     prefixes: tuple[str, ...],
     compress: bool,
     overwrite: bool,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Merge several recordings into one, sorted by time.
@@ -63,8 +56,8 @@ def command(
     Example: tfdb merge a.bag b.bag -o both.mcap --prefix a/ --prefix b/
 
     Each message keeps its topic, its receive time and, if OUT can hold it, its publisher. Files
-    that write the same edge at the same time are refused: give each its own --prefix, or rename
-    frames by 'tfdb rename'. Consecutive parts of one recording do not conflict.
+    that contradict each other on an edge are refused, as by every command: give each its own
+    --prefix, or --mix them. Consecutive parts of one recording agree.
     """
     if len(files) < 2:
         raise click.UsageError("one file is nothing to merge: give two or more")
@@ -75,135 +68,74 @@ def command(
     inputs = common.find_paths(files)
     path = recording_path(out, inputs, overwrite=overwrite)
     writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
-    written = _merge(inputs, prefixes, writer, common.parse_topics(topics))
+    written = _merge(inputs, prefixes, writer)
     if as_json:
         output.emit_json("merge", body(inputs, out, written))
     else:
         output.say(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
 
 
-def _merge(
-    inputs: Sequence[Path],
-    prefixes: Sequence[str],
-    writer: RecordingWriter,
-    renamed: Mapping[str, str] | None,
-) -> Written:
-    with ExitStack() as stack:
-        recordings = common.opened(stack, inputs)
-        choice = Choice(**common.chosen())
-        selection = Selection(renamed, choice)
-        selection.check(recordings)
-
-        def resolve() -> list[Rewriter]:
-            """The rewriter of each file; without prefixes they are parts of one recording."""
-            if not prefixes:
-                rewriter = choice.resolve(recordings, selection.wants, selection.kind)
-                selection.refuse_groups(recordings, rewriter)
-                for recording in recordings:
-                    selection.refuse_parts([recording], rewriter)
-                return [rewriter] * len(recordings)
-            robots = [(prefix, [each]) for prefix, each in zip(prefixes, recordings, strict=True)]
-            made = choice.resolve_apart(robots, selection.wants, selection.kind)
-            for rewriter, recording in zip(made, recordings, strict=True):
-                selection.refuse_mixture([recording], rewriter)
-            return made
-
-        _refuse_conflicts(recordings, resolve(), selection)
-        rewriters = resolve()
-        total = selection.count(recordings)
-        stack.enter_context(writer)
-        update = stack.enter_context(common.progress_bar("merging"))
-        rewriting = Rewriting(writer, selection, renamed or {})
-        start = min(recording.start for recording in recordings)
-        rewriting.write_fixed_joints(dict.fromkeys(rewriters), start)
-        total += rewriting.written.messages
-        streams = list(map(rewriting.messages, recordings, rewriters))
-        for part in merged(streams):
-            writer.write_messages(part)
-            if update is not None:
-                update(rewriting.written.read, total)
-    rewriting.warn_of_refused(inputs, dict.fromkeys(rewriters))
-    return rewriting.written
+def _merge(inputs: Sequence[Path], prefixes: Sequence[str], writer: RecordingWriter) -> Written:
+    with common.open_selected(inputs) as recordings:
+        if prefixes:
+            robots = [
+                (prefix, [each]) for prefix, each in zip(prefixes, recordings.given, strict=True)
+            ]
+            rewriters = recordings.rewriters(robots)
+        else:
+            each_once(inputs)
+            rewriters = [recordings.rewriter()] * len(inputs)
+        _check(recordings, rewriters)
+        again = {rewriter: rewriter.again() for rewriter in rewriters}
+        with writer, common.progress_bar("merging") as update:
+            rewriters = [again[rewriter] for rewriter in rewriters]
+            return rewrite(recordings, rewriters, writer, update, by_time=True)
 
 
-def _refuse_conflicts(
-    recordings: Sequence[Recording], rewriters: Sequence[Rewriter], selection: Selection
-) -> None:
-    """Refuse files that write one edge at the same time, or whose edges make a cycle."""
-    inputs = [recording.path for recording in recordings]
-    stores = []
-    received = []
-    for recording, rewriter in zip(recordings, rewriters, strict=True):
-        store = tfdb.Buffer(history=None)
-        store.set_transforms(rewriter.fixed_joints(), static=True)
-        times = []
-        for run in recording.read(selection.wants, selection.kind):
-            kind, is_static = selection.kind(run.source)
-            rewriter.ingest(run, store, kind, is_static)
-            if not is_static:
-                times += [run.start, run.end]
-        stores.append(store)
-        received.append((min(times, default=0), max(times, default=0)))
-    if not any(store.frames() for store in stores):
+def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
+    """Warn of files of which nothing is merged; refuse files whose edges make a cycle."""
+    parents = [
+        _parents(recordings, *each) for each in zip(recordings.given, rewriters, strict=True)
+    ]
+    if not any(parents):
         reasons = [rewriter.reason() for rewriter in rewriters if rewriter.left_out]
         raise click.ClickException(": ".join(["nothing to merge", *reasons[:1]]))
-    for path, store in zip(inputs, stores, strict=True):
-        if not store.frames():
-            warnings.warn(f"{path}: nothing of it is merged", tfdb.TfdbWarning, 2)
+    for recording, found in zip(recordings.given, parents, strict=True):
+        if not found:
+            text = f"{recording.path}: nothing of it is merged"
+            warnings.warn(text, tfdb.TfdbWarning, stacklevel=2)
     for rewriter in dict.fromkeys(rewriters):
-        named = [path for path, each in zip(inputs, rewriters, strict=True) if each is rewriter]
+        named = [
+            r.path for r, each in zip(recordings.given, rewriters, strict=True) if each is rewriter
+        ]
         rewriter.warn(", ".join(map(str, named)), 2)
-    files = zip(inputs, stores, received, strict=True)
-    for (one, ours, first), (other, theirs, second) in combinations(files, 2):
-        # Parts received one after the other may share stamps: samples come late.
-        beside = max(first[0], second[0]) <= min(first[1], second[1])
-        found = list(_conflicts(ours, theirs, beside=beside))
-        if found:
-            more = f", and {counted(len(found) - 1, 'more edge')}" if len(found) > 1 else ""
-            raise click.ClickException(
-                f"{one} and {other} {found[0]}{more}: --prefix keeps their frames apart, "
-                "'tfdb rename' gives one of them other names, --exclude leaves frames out"
-            )
-    edges = {}
-    for store in sorted(stores, key=lambda store: span(store.tree()) or (0, 0)):
-        for info in store.tree():
-            if info.parent is not None:
-                edges[info.name] = tfdb.TransformStamped(
-                    info.parent, info.name, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-                )
+    if recordings.choice.mix:
+        return
+    by_start = sorted(zip(recordings.given, parents, strict=True), key=lambda pair: pair[0].start)
+    edges = {child: parent for _, found in by_start for child, parent in found.items()}
+    at, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     try:
-        tfdb.Buffer().set_transforms(list(edges.values()), static=True)
+        tfdb.Buffer().set_transforms(
+            [tfdb.TransformStamped(parent, child, 0, at, turn) for child, parent in edges.items()],
+            static=True,
+        )
     except tfdb.errors.CycleError as error:
         frames = " <- ".join(layout.safe(name) for name in error.frames or ())
         raise click.ClickException(
-            f"{', '.join(map(str, inputs))} together make a cycle, {frames}: --prefix keeps their "
-            "frames apart, --exclude leaves frames out"
+            f"{recordings.names} together make a cycle, {frames}: --prefix keeps their frames "
+            "apart, --exclude leaves frames out, --mix merges them"
         ) from None
 
 
-def _conflicts(one: Buffer, other: Buffer, *, beside: bool) -> Iterator[str]:
-    """Say of each edge in both stores how they contradict each other, if they do.
-
-    `beside`: the files were received at the same time.
-    """
-    theirs = {info.name: info for info in other.tree() if info.parent is not None}
-    for info in one.tree():
-        edge = theirs.get(info.name)
-        if info.parent is None or edge is None:
-            continue
-        name = "".join(layout.transform_name(info.parent, info.name))
-        if info.is_static != edge.is_static:
-            yield f"write {name} as static and as moving"
-        elif info.is_static:
-            if _static(one, info) != _static(other, edge):
-                yield f"have another static {name}"
-        elif beside and info.oldest is not None and edge.oldest is not None:
-            first = max(info.oldest, edge.oldest)
-            last = min(info.newest or 0, edge.newest or 0)
-            if first <= last:
-                times = f"from {format_when(first)} to {format_when(last)}"
-                yield f"both write {name} {times}"
-
-
-def _static(store: Buffer, info: FrameInfo) -> tuple[str | None, list[float]]:
-    return info.parent, store.samples(info.name)[1][0].tolist()
+def _parents(
+    recordings: OpenRecordings, recording: Recording, rewriter: Rewriter
+) -> dict[str, str]:
+    """Find the newest parent of each child frame that is merged of a file."""
+    found = survey_edges(recordings, [recording], rewriter)
+    fixed = {joint.child: joint.parent for joint in rewriter.fixed_joints()}
+    if found is not None:
+        return fixed | {child: parent for child, (parent,) in found.parents.items()}
+    store, judge = tfdb.Buffer(history=None), rewriter.again()
+    for run in recordings.read_one(recording):
+        judge.ingest(run, store, *recordings.choice.kind(run.source))
+    return fixed | {info.name: info.parent for info in store.tree() if info.parent is not None}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import click
 
@@ -14,10 +13,9 @@ from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
 from tfdb.judging.follower import Follower, author_of
 from tfdb.judging.rates import Delays, Frame, Rates
-from tfdb.recordings.arrivals import recorded_arrivals
-from tfdb.recordings.choice import Choice
-from tfdb.recordings.loading import Selection
-from tfdb.recordings.recording import Recording
+from tfdb.recordings.arrivals import ArrivalReader
+from tfdb.recordings.load_report import Tally, warn_of_refused
+from tfdb.recordings.recording import Run
 from tfdb.store.frozen import is_frozen
 from tfdb.store.report import frames_passed
 from tfdb.store.summary import Forest
@@ -26,18 +24,20 @@ from tfdb.store.waiting import NO_ANSWER_YET
 from . import common, layout, output
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
+from .selecting import refuse_selection, selection_options
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
 
     from rich.console import RenderableType
     from rich.live import Live as Place
 
     from tfdb._core import Reads
     from tfdb.data.types import Changes
-    from tfdb.recordings.choice import Rewriter
+    from tfdb.recordings.arrivals import RecordedArrivals
+    from tfdb.recordings.open_recordings import OpenRecordings
+    from tfdb.recordings.rewriter import Rewriter
 
 _KEPT = 10 * NS
 
@@ -66,7 +66,7 @@ _KEPT = 10 * NS
     "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
 )
 @node_option
-@common.topic_option
+@selection_options
 @layout.wide_option
 @common.json_lines_option
 def command(
@@ -77,7 +77,6 @@ def command(
     every: int,
     window: int,
     length: int | None,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Show the rate, delay, gaps and publisher of each frame, live or recorded.
@@ -99,9 +98,9 @@ def command(
     chain = None if target is None or source is None else (target, source)
     screen = Screen(file, chain, as_json=as_json)
     if not common.is_live(file):
-        _tell_recording(file, topics, chain, screen)
+        _tell_recording(file, chain, screen)
         return
-    common.refuse_parts((file,), topics, "live", "it")
+    refuse_selection((file,), "live", "it")
     with live_source(file, history=_KEPT) as live, screen:
         watch = Watch(live.store, chain, Rates(time.monotonic_ns(), max(window // every, 1)))
         _watch(live, watch, every, length, screen)
@@ -190,9 +189,7 @@ def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Scr
             shown = max(shown + every / NS, time.monotonic())
 
 
-def _tell_recording(
-    file: str, topics: Sequence[str], chain: tuple[str, str] | None, screen: Screen
-) -> None:
+def _tell_recording(file: str, chain: tuple[str, str] | None, screen: Screen) -> None:
     """Play a recording, as fast as it goes, and say what was in it."""
     (path,) = common.find_paths((file,))
     if is_frozen(path):
@@ -201,30 +198,22 @@ def _tell_recording(
             "made of"
         )
     if chain is None:
-        screen.show(*_of_arrivals(path, topics), 0)
+        screen.show(*_of_arrivals(file), 0)
         return
-    with ExitStack() as stack:
-        (recording,) = common.opened(stack, [path])
-        choice = Choice(**common.chosen())
-        selection = Selection(common.parse_topics(topics), choice)
-        selection.check([recording])
-        rewriter = selection.resolve([recording])
-        watch, end = _of_chain(recording, selection, rewriter, chain)
+    with common.open_selected([path]) as recordings:
+        rewriter = recordings.rewriter()
+        watch, end = _of_chain(recordings, rewriter, chain)
         rewriter.warn(str(path), 2)
         screen.show(watch, end, 0)
 
 
-def _of_arrivals(path: Path, topics: Sequence[str]) -> tuple[Watch, int]:
+def _of_arrivals(file: str) -> tuple[Watch, int]:
     """Count all arrivals; return also the time of the last message."""
     import numpy as np
 
-    loaded = common.load([str(path)], topics)
-    static = {topic.name: topic.static for topic in loaded.report.topics} if loaded.report else {}
-    choice = Choice(**common.chosen())
-    with Recording(path, salvage=common.salvages(), stamp_unit=choice.stamp_unit) as recording:
-        found = recorded_arrivals(
-            [recording], static, choice, publisher=lambda source: source.authority
-        )
+    reader = ArrivalReader(lambda source: source.authority)
+    loaded = common.load([file], arrivals=reader)
+    found = cast("RecordedArrivals", reader.found)
     began = min((int(columns[1].min()) for _, columns, _ in found.edges), default=0)
     rates = Rates(began, 1)
     for joint in found.rewriter.fixed_joints():
@@ -237,28 +226,25 @@ def _of_arrivals(path: Path, topics: Sequence[str]) -> tuple[Watch, int]:
 
 
 def _of_chain(
-    recording: Recording, selection: Selection, rewriter: Rewriter, chain: tuple[str, str]
+    recordings: OpenRecordings, rewriter: Rewriter, chain: tuple[str, str]
 ) -> tuple[Watch, int]:
     """Store message by message, and look at the chain after each."""
     store = tfdb.Buffer(history=_KEPT / NS)
-    fixed = rewriter.fixed_joints()
-    if fixed:
-        store.set_transforms(fixed, static=True, authority=rewriter.model_name)
+    tally = Tally(store)
+    tally.store_model(rewriter)
     watch: Watch | None = None
     follower = Follower(Live(store))
     arrival = 0
-    for source, arrival, data in recording.messages(selection.wants):
-        encoding, static = selection.kind(source)
-        left = rewriter.message(data, source, arrival, static=static)
-        if left is None:
-            continue
-        if watch is None:
-            watch = Watch(store, chain, Rates(arrival, 1))
-        try:
-            store.ingest(left, encoding=encoding, static=static, authority=source.authority)
-        except tfdb.TfdbError:
-            continue  # 'tfdb check' says what is wrong with it
-        watch.take(follower.changes(0.0), arrival, source.authority)
+    for run in recordings.read():
+        for index in range(run.first, run.last):
+            one = Run(run.messages, index, index + 1, run.sources)
+            arrival, before = one.start, (tally.commits, tally.refused)
+            tally.store(one, recordings.choice, rewriter)
+            if before == (tally.commits, tally.refused):
+                continue
+            watch = watch or Watch(store, chain, Rates(arrival, 1))
+            watch.take(follower.changes(0.0), arrival, one.source.authority)
+    warn_of_refused([recordings.names], tally.refused_edges.values(), 2)
     common.find_frames(store, *chain)
     return watch or Watch(store, chain, Rates(0, 1)), arrival
 

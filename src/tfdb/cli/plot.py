@@ -14,10 +14,13 @@ from .compare import comparison_options, find, title_of
 from .graph import listen_option
 from .groups import OneOf, SuggestingCommand
 from .pictures import need_matplotlib, picture_files, write_pictures
+from .selecting import selection_options
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from tfdb.recordings.arrivals import RecordedArrivals
 
 KINDS = ("tree", "timeline", "trajectory", "compare")
 _KINDS_OF = {
@@ -79,7 +82,7 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 @common.more_option
 @common.overwrite_option
 @listen_option
-@common.topic_option
+@selection_options
 @common.json_option
 def command(
     *,
@@ -95,7 +98,6 @@ def command(
     title: str | None,
     more: tuple[str, ...],
     overwrite: bool,
-    topics: tuple[str, ...],
     as_json: bool,
     **comparing: Any,
 ) -> None:
@@ -119,16 +121,19 @@ def command(
     from tfdb import plot  # noqa: PLC0415 - an extra
 
     if kind == "compare":
-        found, _, _ = find(
-            file, frames[0], frames[1:] or None, topics, "after ESTIMATE:", comparing
-        )
+        found, _, _ = find(file, frames[0], frames[1:] or None, "after ESTIMATE:", comparing)
         figure = found.plot(title=title or title_of(file, frames[0]))
     else:
-        loaded = common.load(names, topics, apart=kind != "trajectory")
+        from tfdb.recordings.arrivals import ArrivalReader  # noqa: PLC0415 - for recordings
+
+        reader = ArrivalReader()
+        loaded = common.load(
+            names, apart=kind != "trajectory", arrivals=reader if kind == "timeline" else None
+        )
         if kind == "trajectory":
             figure = _trajectory(loaded, frames, axes, color, title)
         elif kind == "timeline":
-            figure = _timeline(loaded, max_gap, rows, title)
+            figure = _timeline(loaded, reader.found, max_gap, rows, title)
         else:
             figure = plot.frame_tree(loaded.store, title=title, rows=rows or None)
     write_pictures(figure, outs, overwrite=overwrite)
@@ -193,26 +198,22 @@ def _trajectory(
     return plot.trajectory(*paths, axes=axes, color=color, title=title)
 
 
-def _timeline(loaded: common.Loaded, max_gap: int | None, rows: int, title: str | None) -> Any:
+def _timeline(
+    loaded: common.Loaded,
+    came: RecordedArrivals | None,
+    max_gap: int | None,
+    rows: int,
+    title: str | None,
+) -> Any:
     from tfdb import plot  # noqa: PLC0415 - an extra
+    from tfdb.judging.doctor import Log  # noqa: PLC0415 - needs numpy
 
     arrivals = None
-    if loaded.report is not None:
-        from tfdb.judging.arrivals import read_arrivals  # noqa: PLC0415 - reads the file once more
-
-        static = {topic.name: topic.static for topic in loaded.report.topics}
-        with common.progress_bar("reading arrivals") as update:
-            came = read_arrivals(
-                loaded.report.files,
-                static,
-                update,
-                salvage=common.salvages(),
-                options=common.chosen(),
-            )
-        names, edges = came.log.names, came.log.edges()
+    if came is not None:
+        log = Log.of(came)
         arrivals = {
-            edge.name: plot.Arrivals(edge.stamps, [names[who] for who in edge.publishers])
-            for edge in (each.moving if len(each.moving.stamps) else each for each in edges)
+            edge.name: plot.Arrivals(edge.stamps, [log.names[who] for who in edge.publishers])
+            for edge in (each.moving if len(each.moving.stamps) else each for each in log.edges())
         }
     seconds = None if max_gap is None else max_gap / NS
     return plot.timeline(

@@ -19,6 +19,7 @@ from tfdb.recordings.containers import TRAJECTORIES
 from . import common, layout, output
 from .graph import listen_option
 from .groups import SuggestingCommand
+from .selecting import selection_options
 from .times import TimeSpec, ask_of_offsets, read_stamps, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Poses:
 @common.policy_option
 @common.more_option
 @listen_option
-@partial(common.topic_option, times=False)
+@partial(selection_options, without=("start", "end"))
 @common.json_option
 def command(
     *,
@@ -101,7 +102,6 @@ def command(
     overwrite: bool,
     policy: Any,
     more: tuple[str, ...],
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Write many poses of SOURCE in TARGET to a .tum, .csv, .npz or Parquet file.
@@ -119,7 +119,7 @@ def command(
         read = (file, *more, *([] if stamps_file in (None, "-") else [stamps_file]))
         files = [name for name in read if not common.is_live(name)]
         common.check_output(out, common.find_paths(files), overwrite=overwrite)
-    loaded = common.load((file, *more), topics)
+    loaded = common.load((file, *more))
     store = loaded.store
     target, source = common.find_frames(store, target, source)
     first = None if start is None else start.resolve(loaded.span)

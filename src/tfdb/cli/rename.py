@@ -7,8 +7,9 @@ import click
 from tfdb.recordings.recording_writer import RecordingWriter
 
 from . import common, layout, output
-from .convert import body, describe, recording_path, rewrite
+from .convert import body, describe, recording_path, write_selected
 from .groups import SuggestingCommand
+from .selecting import given, selection_options
 
 
 @click.command("rename", cls=SuggestingCommand)
@@ -16,7 +17,7 @@ from .groups import SuggestingCommand
 @common.out_option
 @click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.overwrite_option
-@common.topic_option
+@selection_options
 @common.json_option
 def command(
     *,
@@ -24,7 +25,6 @@ def command(
     out: str,
     compress: bool,
     overwrite: bool,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Copy a recording with new names for its frames.
@@ -34,12 +34,12 @@ def command(
     FILE stays as it is; OUT is a .bag, .mcap or .db3. --rename is applied before --prefix. A
     missing frame is an error, and so are two frames with the same new name.
     """
-    if not common.chosen().keys() & {"rename", "prefix"}:
+    if not given().keys() & {"rename", "prefix"}:
         raise click.UsageError("nothing to rename: give --rename FROM:=TO, or --prefix TEXT")
     inputs = common.find_paths((file,))
     path = recording_path(out, inputs, overwrite=overwrite)
     writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
-    written = rewrite(inputs, writer, common.parse_topics(topics), strict=True)
+    written = write_selected(inputs, writer, strict=True)
     if as_json:
         output.emit_json("rename", body(inputs, out, written))
     else:

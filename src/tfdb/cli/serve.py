@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,26 +12,26 @@ import click
 import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
-from tfdb.recordings.choice import Choice
-from tfdb.recordings.loading import Following, Selection, refuse_mixture_so_far
+from tfdb.recordings.following import Following, refuse_mixture_so_far
 from tfdb.recordings.static_conflicts import way_on
 from tfdb.store.summary import span
 
 from . import common, layout, output
 from .graph import STORE, listening, node_option
 from .groups import SuggestingCommand, SuggestingGroup
+from .selecting import selected, selection_options
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator
 
     from click.decorators import FC
 
     from tfdb import Buffer, TransformStamped
-    from tfdb.recordings.choice import Rewriter
     from tfdb.recordings.containers import Source
-    from tfdb.recordings.loading import LoadReport
-    from tfdb.recordings.recording import Recording
+    from tfdb.recordings.load_report import LoadReport
+    from tfdb.recordings.open_recordings import OpenRecordings
+    from tfdb.recordings.rewriter import Rewriter
 
     from .graph import Live
 
@@ -85,7 +84,7 @@ def _open(name: str, history: int | None) -> Buffer:
 )
 @click.option("--loop", is_flag=True, help="Start again at the end, until Ctrl-C.")
 @history_option
-@common.topic_option
+@selection_options
 @common.json_option
 def bag(
     *,
@@ -94,7 +93,6 @@ def bag(
     speed: float,
     loop: bool,
     history: int | None,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Play recordings into the store NAME at their own pace.
@@ -107,15 +105,10 @@ def bag(
     """
     paths = common.find_paths(files)
     name = into.removeprefix(STORE)
-    with ExitStack() as stack:
-        recordings = common.opened(stack, paths)
-        choice = Choice(**common.chosen())
-        selection = Selection(common.parse_topics(topics), choice)
-        selection.check(recordings)
-        recordings.sort(key=lambda recording: recording.start)
-        rewriter = selection.resolve(recordings)
+    with common.open_selected(paths) as recordings:
+        rewriter = recordings.rewriter()
         store = _open(name, history)  # after what may be refused
-        player = Player(store, recordings, selection, rewriter, speed)
+        player = Player(store, recordings, rewriter, speed)
         if not as_json:
             names = [str(path) for path in paths]
             text = f"{', '.join(names)} into shm:{name}; Ctrl-C ends it"
@@ -150,7 +143,7 @@ def bag(
     help="Stop with an error if FILE has not grown for this long.  [default: wait]",
 )
 @history_option
-@common.topic_option
+@selection_options
 @common.json_option
 def follow(
     *,
@@ -158,7 +151,6 @@ def follow(
     into: str,
     timeout: float | None,
     history: int | None,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Load an MCAP file into the store NAME while it is written.
@@ -172,18 +164,15 @@ def follow(
     """
     (path,) = common.find_paths([file])
     common.refuse_frozen([path])
-    if common.salvages():
-        raise click.UsageError("--salvage goes with complete files only")
+    selection = selected()
     name = into.removeprefix(STORE)
     # What cannot be followed is refused before there is a store.
-    refuse_mixture_so_far(path, common.parse_topics(topics), **common.chosen())
+    refuse_mixture_so_far(path, selection)
     store = _open(name, history)
     if not as_json:
         text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"
         output.say(layout.wrap(layout.words(text, file)))
-    following = Following(
-        store, path, common.parse_topics(topics), timeout=timeout, **common.chosen()
-    )
+    following = Following(store, path, selection, timeout=timeout)
     try:
         following.run()
     except KeyboardInterrupt:
@@ -304,8 +293,7 @@ class Player:
     """Plays recordings into a store, again and again."""
 
     store: Buffer
-    recordings: Sequence[Recording]
-    selection: Selection
+    recordings: OpenRecordings
     rewriter: Rewriter
     speed: float
     messages: int = 0
@@ -349,12 +337,12 @@ class Player:
         self.rounds += 1
 
     def _messages(self) -> Iterator[tuple[Source, int, bytes]]:
-        for recording in self.recordings:
-            yield from recording.messages(self.selection.wants)
+        for recording in self.recordings.files:
+            yield from recording.messages(self.recordings.choice.wants)
 
     def _store(self, source: Source, received: int, data: bytes) -> None:
         self.messages += 1
-        is_static = self.selection.is_static(source)
+        is_static = self.recordings.choice.is_static(source)
         before = len(self.rewriter.refused_members)
         try:
             decoded = self.rewriter.decoded(data, source, received, static=is_static)
@@ -391,9 +379,8 @@ class Player:
 
     def _topics(self) -> dict[str, bool]:
         """The topics that are played, and whether each is static."""
-        sources = [source for each in self.recordings for source in each.all_sources]
-        wanted = filter(self.selection.wants, sources)
-        return {each.topic: self.selection.is_static(each) for each in wanted}
+        is_static = self.recordings.choice.is_static
+        return {each.topic: is_static(each) for each in self.recordings.sources}
 
     def _name(self, error: str, message: str) -> None:
         """Keep the first refusal for the summary."""

@@ -13,7 +13,7 @@ import tfdb
 from tfdb.data.path_checks import errors_name
 from tfdb.robots.urdf import load_urdf
 
-from . import common, layout, output
+from . import common, layout, output, selecting
 from .angles import quaternion_of
 from .graph import STORE, is_graph, node_option, open_graph, wait_for_end
 from .groups import SuggestingCommand
@@ -63,7 +63,7 @@ def _numbers(command: Any) -> Any:
     "of a recording or store; repeatable.",
 )
 @node_option
-@common.groups_option
+@selecting.groups_options
 @common.json_option
 def command(
     *,
@@ -72,7 +72,6 @@ def command(
     frame: str | None,
     child: str | None,
     sources: tuple[str, ...],
-    topics: tuple[str, ...],
     as_json: bool,
     **numbers: float | None,
 ) -> None:
@@ -90,9 +89,9 @@ def command(
     or "rpy_deg": [roll, pitch, yaw]}.
     """
     given = {name: value for name, value in numbers.items() if value is not None}
-    if (topics or common.chosen()) and not sources:
+    if selecting.given() and not sources:
         raise click.UsageError("--topic, --by-namespace and --mix go with --from")
-    transforms = [one for name in sources for one in _read(name, topics)]
+    transforms = [one for name in sources for one in _read(name)]
     if values:
         if given or frame or child:
             raise click.UsageError("give the transform by place or by flags, not both")
@@ -167,7 +166,7 @@ def _by_flags(
     return tfdb.TransformStamped(frame, child, 0, place, tuple(turn))
 
 
-def _read(name: str, topics: Sequence[str]) -> Iterator[tfdb.TransformStamped]:
+def _read(name: str) -> Iterator[tfdb.TransformStamped]:
     """Static transforms of a file or store."""
     if name.lower().endswith(_MODELS):
         (path,) = common.find_paths((name,))
@@ -175,7 +174,7 @@ def _read(name: str, topics: Sequence[str]) -> Iterator[tfdb.TransformStamped]:
     elif name.lower().endswith(".json"):
         yield from _of_json(name)
     else:
-        store = common.load((name,), topics).store
+        store = common.load((name,)).store
         for info in store.tree():
             if info.is_static and info.parent is not None:
                 pose = store.samples(info.name)[1][0].tolist()

@@ -15,6 +15,7 @@ from . import common, layout, output
 from .graph import listen_option
 from .groups import SuggestingCommand
 from .info import edge_body
+from .selecting import selection_options
 from .times import TimeSpec, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
@@ -32,12 +33,10 @@ if TYPE_CHECKING:
     help="Show the tree as it was at this time.  [default: the newest]",
 )
 @listen_option
-@common.topic_option
+@selection_options
 @layout.wide_option
 @common.json_option
-def command(
-    *, files: tuple[str, ...], at: TimeSpec | None, topics: tuple[str, ...], as_json: bool
-) -> None:
+def command(*, files: tuple[str, ...], at: TimeSpec | None, as_json: bool) -> None:
     """Show the frame tree with rates, gaps and publishers, now or at a given time.
 
     Example: tfdb tree drive.mcap --at +12.5
@@ -45,7 +44,7 @@ def command(
     TIME is in seconds (12.5) or nanoseconds (12500000000ns), or an offset from the start (+1.5) or
     the end (-0.5).
     """
-    loaded = common.load(files, topics, apart=True)
+    loaded = common.load(files, apart=True)
     time = None if at is None else at.resolve(loaded.span)
     warn_of_bounds(loaded.span, at=at)
     infos = loaded.store.tree(time)

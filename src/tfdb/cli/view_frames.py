@@ -21,6 +21,7 @@ from tfdb.tf2.all_frames import in_dot
 from . import common, output
 from .graph import listen_option
 from .groups import SuggestingCommand
+from .selecting import selection_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,14 +46,13 @@ _PICTURES = (".svg", ".pdf", ".png")
 )
 @common.overwrite_option
 @listen_option
-@common.topic_option
+@selection_options
 @common.json_option
 def command(
     *,
     files: tuple[str, ...],
     out: str | None,
     overwrite: bool,
-    topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Draw the frame tree as PDF, SVG or DOT, like tf2's view_frames.
@@ -65,7 +65,7 @@ def command(
     outs = _outputs(out, files, overwrite=overwrite)
     if as_json and out == "-":
         raise click.UsageError("--json needs an output file: give -o OUT")
-    loaded = common.load(files, topics, apart=True)
+    loaded = common.load(files, apart=True)
     infos = loaded.store.tree()
     dot = "\n".join(_dot(infos, loaded.now)) + "\n"
     if out == "-":

@@ -5,6 +5,7 @@ import __future__
 
 import functools
 import inspect
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .suggestions import near_names
@@ -190,6 +191,14 @@ def _wanted(annotation: str, value: Any) -> str:
 
 @functools.cache
 def read_signature(made: Any) -> inspect.Signature:
-    """Read the signature of a function of the extension or of Python."""
+    """Read the signature of a function; `**selection` becomes the fields of `Selection`."""
     written = getattr(made, "__nb_signature__", None)
-    return inspect.signature(made) if written is None else signature_of(written[0][0])
+    if written is not None:
+        return signature_of(written[0][0])
+    signature = inspect.signature(made)
+    *others, last = signature.parameters.values() or [None]
+    if last is None or last.annotation != "Unpack[Selected]":
+        return signature
+    selection = import_module("tfdb.recordings.selection").Selection
+    keywords = list(inspect.signature(selection).parameters.values())
+    return signature.replace(parameters=[*others, *keywords])

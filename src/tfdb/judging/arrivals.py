@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from tfdb.recordings.arrivals import recorded_arrivals
-from tfdb.recordings.choice import Choice
-from tfdb.recordings.recording import Recording
+from typing import TYPE_CHECKING, Self
 
 from .doctor import Log
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from tfdb.recordings.choice import LoadOptions
+    from tfdb.recordings.arrivals import RecordedArrivals
 
 
 @dataclass(frozen=True)
@@ -31,24 +24,7 @@ class Arrivals:
     mixed: tuple[str, ...] = ()
     missed: int = 0
 
-
-def read_arrivals(
-    paths: Sequence[str],
-    static: Mapping[str, bool],
-    progress: Callable[[int, int], None] | None = None,
-    *,
-    salvage: bool = False,
-    options: LoadOptions | None = None,
-) -> Arrivals:
-    """Read the topics in `static`, which says of each whether its transforms are static.
-
-    `options` are those with which they were loaded.
-    What a store refuses is left out: loading counts it as refused.
-    """
-    with ExitStack() as stack:
-        unit = (options or {}).get("stamp_unit")
-        recordings = [
-            stack.enter_context(Recording(path, salvage=salvage, stamp_unit=unit)) for path in paths
-        ]
-        recorded = recorded_arrivals(recordings, static, Choice(**options or {}), progress)
-    return Arrivals(Log.of(recorded), recorded.publishers_known, recorded.mixed)
+    @classmethod
+    def of(cls, recorded: RecordedArrivals) -> Self:
+        """Return those of recordings. What a store refuses is left out."""
+        return cls(Log.of(recorded), recorded.publishers_known, recorded.mixed)

@@ -10,10 +10,12 @@ if TYPE_CHECKING:
     from tfdb.data.loss import Loss
 
     from .containers import Source, Topic
+    from .following import follow_recording
     from .joint_state_stores import load_joint_states
-    from .loading import LoadReport, TopicReport, follow_recording, load_recordings
+    from .load_report import LoadReport, TopicReport
     from .recording import Recording, Run
     from .recording_writer import RecordingWriter
+    from .selection import Selection
     from .writing import write_recording, write_transforms
 
 __all__ = [
@@ -22,12 +24,12 @@ __all__ = [
     "Recording",
     "RecordingWriter",
     "Run",
+    "Selection",
     "Source",
     "Topic",
     "TopicReport",
     "follow_recording",
     "load_joint_states",
-    "load_recordings",
     "write_recording",
     "write_transforms",
 ]
@@ -41,18 +43,15 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
                 "Source",
                 "Topic",
             ),
+            "following": ("follow_recording",),
             "joint_state_stores": ("load_joint_states",),
-            "loading": (
-                "LoadReport",
-                "TopicReport",
-                "follow_recording",
-                "load_recordings",
-            ),
+            "load_report": ("LoadReport", "TopicReport"),
             "recording": (
                 "Recording",
                 "Run",
             ),
             "recording_writer": ("RecordingWriter",),
+            "selection": ("Selection",),
             "writing": (
                 "write_recording",
                 "write_transforms",

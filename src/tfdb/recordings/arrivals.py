@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from tfdb import _core
 
-from .choice import OTHERS
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     import numpy as np
     import numpy.typing as npt
 
-    from .choice import Choice, Rewriter
     from .containers import Source
-    from .recording import Recording
+    from .open_recordings import OpenRecordings
+    from .recording import Run
+    from .rewriter import Rewriter
 
     Integers: TypeAlias = npt.NDArray[np.int64]
     Columns: TypeAlias = tuple[Integers, Integers, npt.NDArray[np.float64], Integers, Integers]
@@ -60,75 +59,46 @@ def publisher_of(source: Source) -> str:
     return source.authority if source.authority != source.topic else ""
 
 
-def recorded_arrivals(
-    recordings: Sequence[Recording],
-    static: Mapping[str, bool],
-    choice: Choice,
-    progress: Callable[[int, int], None] | None = None,
-    publisher: Callable[[Source], str] = publisher_of,
-) -> RecordedArrivals:
-    """Read the topics in `static`, which says of each whether its transforms are static.
+class ArrivalReader:
+    """Collects transforms while the recordings are read for something else. Threads: one.
 
-    `progress` is called with the number of messages read and of all.
+    Parameters
+    ----------
+    publisher
+        Names the publisher of a source.
     """
-    reading = _Reading(recordings, static, choice, progress, publisher)
-    log = reading.log(with_store=False)
-    if not log.is_right:
-        log = reading.log(with_store=True)
-    names, conflicts, mixed = log.names(), log.conflicts(), tuple(log.mixed())
-    return RecordedArrivals(
-        log.take(),
-        names,
-        conflicts,
-        mixed,
-        reading.publishers_known,
-        reading.end,
-        reading.rewriter,
-    )
 
-
-class _Reading:
-    """Reads the chosen messages of open recordings. Threads: one."""
-
-    def __init__(
-        self,
-        recordings: Sequence[Recording],
-        static: Mapping[str, bool],
-        choice: Choice,
-        progress: Callable[[int, int], None] | None,
-        publisher: Callable[[Source], str],
-    ) -> None:
-        choice.check_topics(recordings)
-        self._recordings = recordings
-        self._static = static
-        self._choice = choice
-        self._progress = progress
+    def __init__(self, publisher: Callable[[Source], str] = publisher_of) -> None:
         self._publisher = publisher
-        self.end = 0
-        sources = [s for each in recordings for s in each.all_sources if self._wants(s)]
-        self._total = sum(source.messages for source in sources)
-        self.publishers_known: bool = any(
-            publisher_of(source) for source in sources if source.messages
+        self.found: RecordedArrivals | None = None
+        """What was collected, once it is complete."""
+
+    def begin(self, recordings: OpenRecordings, rewriter: Rewriter) -> None:
+        """Start anew with recordings of which a rewriter chooses."""
+        self._recordings, self._rewriter = recordings, rewriter
+        self._begin(with_store=False)
+
+    def _begin(self, *, with_store: bool) -> None:
+        self._log = _core.ArrivalLog(with_store=with_store)
+        self._chosen, self._end = self._rewriter.again(), 0
+        self._log.hold(self._chosen.fixed_joints())
+
+    def take(self, run: Run) -> None:
+        """Add the messages of a run."""
+        kind = self._recordings.choice.kind(run.source)
+        publishers = {id_: self._publisher(each) for id_, each in run.sources.items()}
+        self._chosen.log(run, self._log, *kind, publishers=publishers)
+        self._end = max(self._end, run.end)
+
+    def end(self) -> None:
+        """Complete `found`. Where only a store can say what it keeps, all is read once more."""
+        if not self._log.is_right:
+            self._begin(with_store=True)
+            for run in self._recordings.read():
+                self.take(run)
+        log, sources = self._log, self._recordings.sources
+        names, conflicts, mixed = log.names(), log.conflicts(), tuple(log.mixed())
+        known = any(publisher_of(source) for source in sources if source.messages)
+        self.found = RecordedArrivals(
+            log.take(), names, conflicts, mixed, known, self._end, self._chosen
         )
-
-    def log(self, *, with_store: bool) -> _core.ArrivalLog:
-        """Read all messages; `with_store`: a store judges what is refused."""
-        log = _core.ArrivalLog(with_store=with_store)
-        rewriter = self.rewriter = self._choice.resolve(self._recordings, self._wants, self._kind)
-        log.hold(rewriter.fixed_joints())
-        done = 0
-        for recording in self._recordings:
-            for run in recording.read(self._wants, self._kind):
-                publishers = {id_: self._publisher(each) for id_, each in run.sources.items()}
-                rewriter.log(run, log, *self._kind(run.source), publishers=publishers)
-                done += run.last - run.first
-                self.end = max(self.end, run.end)
-                if self._progress is not None:
-                    self._progress(done, self._total)
-        return log
-
-    def _wants(self, source: Source) -> bool:
-        return source.topic in self._static
-
-    def _kind(self, source: Source) -> tuple[str, bool]:
-        return source.encoding if source.is_tf else OTHERS, self._static[source.topic]

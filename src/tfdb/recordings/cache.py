@@ -6,10 +6,9 @@ import hashlib
 import json
 import os
 import warnings
-from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tfdb._core import __version__
 from tfdb._core import open as open_frozen
@@ -20,6 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tfdb._core import Buffer
+
+    from .selection import Choice
 
 __all__ = ["Cache"]
 
@@ -34,41 +35,26 @@ class Cache:
     ----------
     paths
         The recordings.
-    topics, salvage
-        As in `load`: what is loaded otherwise is kept apart.
     choice
-        What else was asked for, in words; empty: nothing.
+        What of them was loaded: other choices are kept apart.
 
     Raises OSError where a recording cannot be read.
     """
 
-    def __init__(
-        self,
-        paths: Sequence[Path],
-        topics: str | Iterable[str] | Mapping[str, str] | None,
-        choice: str = "",
-        *,
-        salvage: bool,
-    ) -> None:
+    def __init__(self, paths: Sequence[Path], choice: Choice) -> None:
         self._files = [file for path in paths for file in _files_of(path)]
         found = [file.stat() for file in self._files]
         self._times = [status.st_mtime_ns for status in found]
-        if isinstance(topics, Iterable) and not isinstance(topics, str | Mapping):
-            topics = list(topics)  # an iterator can be asked once
-        self.topics: str | Iterable[str] | Mapping[str, str] | None = topics
-        asked = None if topics is None else _in_order(topics)
         self._wanted = {
             "tfdb": __version__,
-            "topics": asked,
-            "choice": choice,
-            "salvage": salvage,
+            "choice": choice.key,
             "files": [
                 [f.name, status.st_size] for f, status in zip(self._files, found, strict=True)
             ],
         }
-        plain = len(paths) == 1 and asked is None and not choice and not salvage
+        plain = len(paths) == 1 and not choice.key
         first, *_ = whole = [path.absolute() for path in paths]
-        short = _short([[path.name for path in whole], asked, choice, salvage])
+        short = _short([[path.name for path in whole], choice.key])
         beside = first.with_name(first.name + (SUFFIX if plain else f".{short}{SUFFIX}"))
         home = _home()
         elsewhere = f"{_short([str(path) for path in whole])}-{beside.name}"
@@ -141,14 +127,6 @@ def _refuse_foreign(place: Path) -> None:
     raise StoreExists(
         f"{place} {reason}: move it away, or load without cache", path=str(place), reason=reason
     )
-
-
-def _in_order(topics: Any) -> str:
-    """Write out topics, in the same way in whatever order they come."""
-    if isinstance(topics, Mapping):
-        topics = topics.items()
-    several = isinstance(topics, Iterable) and not isinstance(topics, str)
-    return repr(sorted(map(repr, topics if several else [topics])))
 
 
 def _home() -> Path | None:

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from tfdb.recordings.containers import prefix_of
 
 if TYPE_CHECKING:
     from .containers import Source
-
-
-class EdgeChoice(Protocol):
-    """What was asked for of edges and names."""
-
-    exclude: tuple[str, ...]
-    rename: dict[str, str]
-    prefix: str
-    by_namespace: bool
+    from .selection import Choice
 
 
 class EdgeRules:
@@ -33,21 +25,18 @@ class EdgeRules:
         The child frames of the edges that are kept; None: all.
     """
 
-    def __init__(self, choice: EdgeChoice, children: frozenset[str] | None) -> None:
+    def __init__(self, choice: Choice, children: frozenset[str] | None) -> None:
         self.children = children
         self.used: set[str] = set()
         """The entries of `exclude` that matched a name."""
+        self.seen: set[str] = set()
+        """The frames of all edges that were looked at, before they are renamed."""
         self._choice = choice
         self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
         self._excluded_edges = [(entry, made) for entry, made in self._excluded if ":" in entry]
         self._is_out: dict[str, bool] = {}
         self._numbers: dict[tuple[str, str], int] = {}
         self._sources: list[Source] = []
-
-    @property
-    def renames(self) -> bool:
-        """Whether frames get other names than those that `space` gives them."""
-        return bool(self._choice.rename or self._choice.prefix)
 
     @property
     def names(self) -> set[str]:
@@ -78,6 +67,7 @@ class EdgeRules:
         """
         source = self._sources[rule]
         old = self.frames(rule, parent, child)
+        self.seen.update(old)
         if self.excludes_source(source) or not self.takes(source, *old):
             return None
         return (self.name(old[0]), self.name(old[1])) if parent and child else (parent, child)
@@ -88,6 +78,7 @@ class EdgeRules:
 
     def takes(self, source: Source, parent: str, child: str) -> bool:
         """Return whether an edge of a source that is not excluded is kept."""
+        self.seen.update((parent, child))
         if self.children is not None and child not in self.children:
             return False
         if self._excludes(parent) or self._excludes(child):

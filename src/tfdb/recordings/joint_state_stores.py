@@ -10,6 +10,7 @@ from tfdb.data.argument_checks import given_word
 from tfdb.data.errors import RecordingError, TfdbWarning
 
 from .load import load_into
+from .selection import Selection
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,15 +69,8 @@ def load_joint_states(
     buffer = _core.Buffer(history=None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", TfdbWarning)
-        report = load_into(
-            buffer,
-            recording,
-            topics=(),
-            progress=None,
-            salvage=False,
-            urdf=model,
-            joint_topic=topic,
-        )
+        selection = Selection(topics=(), urdf=model, joint_topic=topic)
+        report = load_into(buffer, recording, selection)
     beyond = () if report.joints is None else report.joints.beyond
     if beyond and limits == "raise":
         raise RecordingError(", ".join(report.files), "joint " + "; ".join(map(str, beyond)))

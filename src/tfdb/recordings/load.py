@@ -1,65 +1,139 @@
-"""Recordings into a store."""
+"""Recordings into a store: one message is one commit."""
 
 from __future__ import annotations
 
-import os
+import time
 import warnings
 from typing import TYPE_CHECKING
 
 from tfdb.data.argument_checks import given_flag
-from tfdb.data.errors import InvalidArgument, RecordingError, TfdbWarning
-from tfdb.data.path_checks import given_paths
+from tfdb.data.errors import TfdbWarning
+from tfdb.store.forgotten import warn_of_forgotten
 from tfdb.store.summary import clocks, describe_clocks
 
+from .load_report import Tally, warn_of_refused
+from .open_recordings import each_once, open_recordings
+from .selection import selected
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-    from typing import Literal, Unpack
+    from collections.abc import Sequence
+    from typing import Unpack
 
     from tfdb._core import Buffer
-    from tfdb.data.stamps import StampLike
-    from tfdb.data.types import FrameInfo, Paths, PoseTopics, Progress, Topics
-    from tfdb.robots.robot_model import RobotModel
+    from tfdb.data.types import FrameInfo, Paths, Progress
 
-    from .choice import LoadOptions
-    from .loading import LoadReport
-
+    from .arrivals import ArrivalReader
+    from .load_report import LoadReport
+    from .selected import Selected
+    from .selection import Selection
 
 __all__ = ["load"]
 
 
-def load_into(
-    self: Buffer,
+def load(
     path: Paths,
     *,
-    topics: Topics | None,
-    progress: Progress | None,
-    salvage: bool,
-    **options: Unpack[LoadOptions],
+    progress: Progress | None = None,
+    cache: bool = False,
+    **selection: Unpack[Selected],
+) -> Buffer:
+    """Load recordings into a new buffer that keeps everything.
+
+    Parameters
+    ----------
+    path, progress
+        As in `Buffer.load`.
+    cache
+        Keep the loaded data as a frozen store, and open it the next time: it takes as long as to
+        read the file once. It lies beside the recording, as `drive.mcap.tfdb`, or in
+        `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) where that folder cannot be written. It is used as
+        long as the recording has the same size and time, or the same content; it is made anew where
+        it is stale, damaged, or of another version of tfdb. What is loaded with other options,
+        and what from several files, is kept apart.
+    **selection
+        What is read, and under which names: the fields of `tfdb.recordings.Selection`, such as
+        `topics`, `start`, `exclude` and `rename`.
+
+    Returns
+    -------
+    Buffer
+        With `cache` a frozen one, to which nothing can be written (but see below).
+
+    Raises
+    ------
+    StoreExists
+        With `cache`, where a file has that name that is not what this keeps: it is never replaced.
+
+    And as `Buffer.load`.
+
+    Warns
+    -----
+    TfdbWarning
+        As `Buffer.load`; with `cache` also where no folder is writable. Then nothing is kept,
+        and the buffer is not frozen.
+    """
+    from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
+
+    made, paths = selected(load, selection), each_once(path)
+    buffer = Buffer(history=None)
+    if not given_flag("cache", cache) or not paths:
+        load_into(buffer, paths, made, progress)
+        return buffer
+    from .cache import Cache  # noqa: PLC0415 - most programs need none
+
+    cached = Cache(paths, made.choice)
+    found = cached.open()
+    if found is not None:
+        _warn([str(each) for each in paths], (), 0, found, 3)
+        return found
+    load_into(buffer, paths, made, progress)
+    return cached.keep(buffer)
+
+
+def load_into(
+    buffer: Buffer,
+    path: Paths,
+    selection: Selection,
+    progress: Progress | None = None,
+    arrivals: ArrivalReader | None = None,
 ) -> LoadReport:
-    """Do what `Buffer.load` says."""
-    from .loading import load_recordings  # noqa: PLC0415 - many programs read none
+    """Load the transforms of recordings into a store, as `Buffer.load` says.
 
-    paths = _each_once(path)
-    before = self.tree()
-    clocks_before = len(clocks(before, self))
-    report = load_recordings(
-        self, paths, topics=topics, progress=progress, salvage=salvage, **options
-    )
-    _warn(report.files, before, clocks_before, self, 4)
+    The files are looked through before the first commit, so a damaged one leaves the store as it
+    was. `arrivals` is given each message. Warnings name the caller's caller.
+    """
+    started = time.perf_counter()
+    tally = Tally(buffer)
+    before = buffer.tree()
+    clocks_before = len(clocks(before, buffer))
+    with open_recordings(each_once(path), selection) as recordings:
+        choice = recordings.choice
+        names = tuple(str(recording.path) for recording in recordings.files)
+        meter = _Meter(recordings.count, progress, 3 if choice.needs_survey else 2)
+        rewriter = recordings.rewriter(meter.step)
+        runs = recordings.read(meter.step)
+        tally.store_model(rewriter)
+        for recording in recordings.files:
+            tally.count(recording, choice)
+        if arrivals is not None:
+            arrivals.begin(recordings, rewriter)
+        for run in runs:
+            tally.store(run, choice, rewriter, meter.step)
+            if arrivals is not None:
+                arrivals.take(run)
+        if arrivals is not None:
+            arrivals.end()
+    report = tally.report(names, time.perf_counter() - started, rewriter)
+    for note in report.notes:
+        warnings.warn(note, TfdbWarning, stacklevel=3)
+    rewriter.warn(", ".join(names), 4)
+    warn_of_refused(report.files, report.refused_edges, 4)
+    for text in (each for rows in report.trajectories for each in rows.complaints()):
+        warnings.warn(text, TfdbWarning, stacklevel=3)
+    if report.forgotten:
+        warn_of_forgotten(buffer, report.forgotten, 4)
+    _warn(report.files, before, clocks_before, buffer, 4)
     return report
-
-
-def _each_once(given: Paths) -> list[Path]:
-    """List the paths; refuse one that comes twice."""
-    paths = given_paths(given, RecordingError)
-    seen: set[str] = set()
-    for path in paths:
-        real = os.path.realpath(path)
-        if real in seen:
-            raise InvalidArgument(f"{path} is given twice", path=str(path))
-        seen.add(real)
-    return paths
 
 
 def _warn(
@@ -88,92 +162,16 @@ def _extent(infos: Sequence[FrameInfo]) -> set[tuple[object, ...]]:
     return {(i.name, i.parent, i.samples, i.oldest, i.newest) for i in infos}
 
 
-def load(
-    path: Paths,
-    *,
-    topics: Topics | None = None,
-    progress: Progress | None = None,
-    salvage: bool = False,
-    start: StampLike | str | None = None,
-    end: StampLike | str | None = None,
-    frames: str | Iterable[str] | None = None,
-    exclude: str | Iterable[str] = (),
-    keep: float | None = None,
-    rename: Mapping[str, str] | None = None,
-    prefix: str = "",
-    pose_topics: PoseTopics | None = None,
-    urdf: str | os.PathLike[str] | RobotModel | None = None,
-    joint_topic: str | None = None,
-    by_namespace: bool = False,
-    mix: bool = False,
-    stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
-    cache: bool = False,
-) -> Buffer:
-    """Load recordings into a new buffer that keeps everything.
+class _Meter:
+    """Counts the work done: each message each time that it is read, and once when stored."""
 
-    Parameters
-    ----------
-    path, topics, progress, salvage, start, end, frames, exclude, keep, rename, prefix,
-    pose_topics, urdf, joint_topic, by_namespace, mix, stamp_unit
-        As in `Buffer.load`.
-    cache
-        Keep the loaded data as a frozen store, and open it the next time: it takes as long as to
-        read the file once. It lies beside the recording, as `drive.mcap.tfdb`, or in
-        `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) where that folder cannot be written. It is used as
-        long as the recording has the same size and time, or the same content; it is made anew where
-        it is stale, damaged, or of another version of tfdb. What is loaded with other options,
-        and what from several files, is kept apart.
+    def __init__(self, messages: int, progress: Progress | None, times: int) -> None:
+        self._total = times * messages
+        self._done = 0
+        self._progress = progress
 
-    Returns
-    -------
-    Buffer
-        With `cache` a frozen one, to which nothing can be written (but see below).
-
-    Raises
-    ------
-    StoreExists
-        With `cache`, where a file has that name that is not what this keeps: it is never replaced.
-
-    And as `Buffer.load`.
-
-    Warns
-    -----
-    TfdbWarning
-        As `Buffer.load`; with `cache` also where no folder is writable. Then nothing is kept,
-        and the buffer is not frozen.
-    """
-    from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
-
-    options: LoadOptions = {
-        "start": start,
-        "end": end,
-        "frames": frames,
-        "exclude": exclude,
-        "keep": keep,
-        "rename": rename,
-        "prefix": prefix,
-        "pose_topics": pose_topics,
-        "urdf": urdf,
-        "joint_topic": joint_topic,
-        "by_namespace": by_namespace,
-        "mix": mix,
-        "stamp_unit": stamp_unit,
-    }
-    paths = _each_once(path)
-    cache, salvage = given_flag("cache", cache), given_flag("salvage", salvage)
-    if not cache or not paths:
-        buffer = Buffer(history=None)
-        load_into(buffer, paths, topics=topics, progress=progress, salvage=salvage, **options)
-        return buffer
-    from .cache import Cache  # noqa: PLC0415 - most programs need none
-    from .choice import Choice  # noqa: PLC0415
-
-    choice = Choice(**options)
-    cached = Cache(paths, topics, choice.key, salvage=salvage)
-    found = cached.open()
-    if found is not None:
-        _warn([str(each) for each in paths], (), 0, found, 3)
-        return found
-    buffer = Buffer(history=None)
-    load_into(buffer, paths, topics=cached.topics, progress=progress, salvage=salvage, **options)
-    return cached.keep(buffer)
+    def step(self, messages: int) -> None:
+        # A file read again by another library counts again, but never beyond its share.
+        self._done = min(self._done + messages, self._total)
+        if self._progress is not None:
+            self._progress(self._done, self._total)

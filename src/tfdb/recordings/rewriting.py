@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from tfdb import _core
 from tfdb.data.errors import TfdbError
 
-from .choice import absolute
-from .loading import refused_by, warn_of_refused
+from .load_report import refused_by, warn_of_refused
+from .selection import absolute
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from .choice import Rewriter
+    from tfdb.data.refused import RefusedEdge
+
     from .containers import Source
-    from .loading import Selection
+    from .open_recordings import OpenRecordings
     from .recording import Recording, Run
     from .recording_writer import RecordingWriter
+    from .rewriter import Rewriter
+    from .selection import Choice
 
 
 @dataclass
@@ -48,18 +52,14 @@ class Rewriting:
     ----------
     writer
         Of the new recording.
-    selection
-        What is read.
-    topics
-        New names of topics.
+    choice
+        What is read; it gives topics new names.
     """
 
-    def __init__(
-        self, writer: RecordingWriter, selection: Selection, topics: Mapping[str, str]
-    ) -> None:
+    def __init__(self, writer: RecordingWriter, choice: Choice) -> None:
         self._writer = writer
-        self._selection = selection
-        self._topics = topics
+        self._choice = choice
+        self._topics = choice.roles or {}
         self._natively = _core.MessageRewriter(writer.encoding)
         self._others = Written()
 
@@ -88,9 +88,9 @@ class Rewriting:
 
     def messages(self, recording: Recording, rewriter: Rewriter) -> Iterator[_core.Recorded]:
         """Give what is left of a recording's messages, in parts, for the writer."""
-        for run in recording.read(self._selection.wants, self._selection.kind):
+        for run in recording.read(self._choice.wants, self._choice.kind):
             out = _core.Recorded()
-            encoding, static = self._selection.kind(run.source)
+            encoding, static = self._choice.kind(run.source)
             if run.source.is_tf:
                 rewriter.rewrite(run, self._natively, out, encoding, static)
             else:
@@ -98,13 +98,12 @@ class Rewriting:
             out.renumber({id_: self._connection(run.sources[id_]) for id_ in out.counts()})
             yield out
 
-    def warn_of_refused(self, paths: Iterable[object], rewriters: Iterable[Rewriter]) -> None:
-        """Warn of each edge and error; the caller's caller is named."""
-        refused = refused_by(rewriters, self._natively.refusals())
-        warn_of_refused(map(str, paths), refused, 3)
+    def refusals(self) -> list[RefusedEdge]:
+        """Return what was refused of TFMessages."""
+        return self._natively.refusals()
 
     def _connection(self, source: Source) -> int:
-        static = self._selection.is_static(source)
+        static = self._choice.is_static(source)
         topic = _topic_of(source, self._topics, static=static)
         authority = "" if source.authority == source.topic else source.authority
         return self._writer.connection(topic, authority, static=topic.endswith("/tf_static"))
@@ -134,6 +133,34 @@ class Rewriting:
                 out.add(received, id_, made[0])
                 written.messages += 1
                 written.transforms += made[1]
+
+
+def rewrite(
+    recordings: OpenRecordings,
+    rewriters: Sequence[Rewriter],
+    writer: RecordingWriter,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    by_time: bool = False,
+) -> Written:
+    """Write what rewriters, one for each of `recordings.given`, leave of the recordings.
+
+    `by_time`: messages come in the order of their reception, not file after file.
+    """
+    rewriting = Rewriting(writer, recordings.choice)
+    rewriting.write_fixed_joints(dict.fromkeys(rewriters), recordings.files[0].start)
+    total = recordings.count + rewriting.written.messages
+    pairs = list(zip(recordings.given, rewriters, strict=True))
+    if not by_time:
+        pairs.sort(key=lambda pair: pair[0].start)
+    streams = [rewriting.messages(*pair) for pair in pairs]
+    for part in merged(streams) if by_time else chain.from_iterable(streams):
+        writer.write_messages(part)
+        if progress is not None:
+            progress(rewriting.written.read, total)
+    refused = refused_by(dict.fromkeys(rewriters), rewriting.refusals())
+    warn_of_refused([str(each.path) for each in recordings.given], refused, 2)
+    return rewriting.written
 
 
 def merged(streams: Sequence[Iterator[_core.Recorded]]) -> Iterator[_core.Recorded]:

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
     from tfdb._core import Buffer
 
-    from .choice import Rewriter
     from .containers import Source
     from .recording import Recording, Run
+    from .rewriter import Rewriter
 
     Rows: TypeAlias = npt.NDArray[np.intp]
     Floats: TypeAlias = npt.NDArray[np.float64]
@@ -159,17 +159,11 @@ class Survey:
 
     def _contradictions(self, parts: Sequence[Part]) -> Iterator[tuple[str, Part, Part]]:
         """Find the frames on which two parts of a group contradict each other."""
-        received = {part: (part.recording.start, self._ends[part.recording]) for part in parts}
-        for one, other in combinations(parts, 2):
-            if _overlap(received[one], received[other]):
-                for frame in one.fixed.keys() & other.fixed.keys():
-                    if not _is_same(one.fixed[frame], other.fixed[frame]):
-                        yield frame, one, other
         pairs = [
             (frame, one, other)
             for one, other in combinations(parts, 2)
-            for frame in one.moving.keys() & other.moving.keys()
-            if _overlap(one.moving[frame], other.moving[frame])
+            for frame in {*one.moving, *one.fixed} & {*other.moving, *other.fixed}
+            if _may_differ(frame, one, other)
         ]
         compared = dict.fromkeys(part for _, *both in pairs for part in both)
         stores = {part: self._stored([part]) for part in parts if part in compared}
@@ -197,11 +191,6 @@ class Survey:
             self._read(recording, mine)
         return self._bare_parts
 
-    @cached_property
-    def _ends(self) -> dict[Recording, int]:
-        """When the last message of each recording that was read was received, nanoseconds."""
-        return {recording: recording.start for recording in self._recordings}
-
     def _read(self, recording: Recording, parts: Mapping[str, Part]) -> None:
         def kind(source: Source) -> object:
             made = self._kind(source)
@@ -209,7 +198,6 @@ class Survey:
 
         stores: dict[str, Buffer] = defaultdict(lambda: _core.Buffer(history=None))
         for run in recording.read(self._wanted, kind):
-            self._ends[recording] = max(self._ends[recording], run.end)
             encoding, is_static = self._kind(run.source)
             if is_static:
                 self._rewriter.ingest(run, stores[spelling_of(run.source)], encoding, is_static)
@@ -416,12 +404,12 @@ class _Edge:
     def contradicts(self, other: _Edge) -> bool:
         """Return whether the edges differ at a stamp of both, or where their samples alternate.
 
-        A store refuses one of a static and a moving edge.
+        A static edge holds at every stamp.
         """
         import numpy as np
 
         if self._is_static or other._is_static:
-            return self._is_static and other._is_static and not self.repeats(other)
+            return not self.repeats(other)
         if len(self._rows_within(other)) > len(other._rows_within(self)):
             return other.contradicts(self)
         rows = self._rows_within(other)
@@ -484,6 +472,15 @@ class _Edge:
 
     def _is_constant(self) -> bool:
         return len(set(self._parents)) == 1 and _are_close(self._poses, self._poses[:1])
+
+
+def _may_differ(frame: str, one: Part, other: Part) -> bool:
+    """Return whether an edge of two parts must be compared sample by sample."""
+    if frame in one.fixed and frame in other.fixed:
+        return not _is_same(one.fixed[frame], other.fixed[frame])
+    if frame in one.moving and frame in other.moving:
+        return _overlap(one.moving[frame], other.moving[frame])
+    return True
 
 
 def _is_same(one: Fixed, other: Fixed) -> bool:

@@ -1,0 +1,197 @@
+"""An MCAP file into a store while it is written."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+from tfdb import _core
+from tfdb.data.argument_checks import refuse_without
+from tfdb.data.errors import InvalidArgument, RecordingError
+from tfdb.data.path_checks import given_path
+
+from .load_report import Tally, warn_of_refused
+from .mcap_reader import GrowingMcap
+from .open_recordings import open_recordings, rewriter_without_survey
+from .recording import runs_of
+from .selection import absolute, selected
+from .topic_groups import Watch, spelling_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+    from typing import Unpack
+
+    from tfdb._core import Buffer, Recorded
+
+    from .containers import Source
+    from .load_report import LoadReport
+    from .recording import PathLike, Run
+    from .rewriter import Rewriter
+    from .selected import Selected
+    from .selection import Choice, Selection
+
+
+def follow_recording(
+    buffer: Buffer,
+    path: PathLike,
+    *,
+    timeout: float | None = None,
+    interval: float = 0.2,
+    **selection: Unpack[Selected],
+) -> LoadReport:
+    """Load an MCAP file while it is written, chunk by chunk, until its end is there.
+
+    Each message is one commit, as soon as its chunk is in the file: how soon that is, the recorder
+    decides (`--max-cache-size` of `ros2 bag record`). Meanwhile others read the store, in other
+    threads, or processes where it is shared. Ctrl-C ends it; what came until then is stored.
+
+    Parameters
+    ----------
+    buffer
+        Where to store. Its `history` limits what it keeps.
+    path
+        The file; it may still be empty. Damaged messages are refused and counted, as by `load`.
+    timeout
+        Seconds without growth after which the writer is taken for dead; None: it is waited for.
+    interval
+        Seconds between two looks at the file's size.
+    **selection
+        Fields of `Selection`: `topics`, which may come later than the file, `start` and `end` as
+        stamps, `exclude`, `rename`, `prefix`, `pose_topics`, `by_namespace` and `mix`. The others
+        need the whole file.
+
+    Raises
+    ------
+    RecordingError
+        No MCAP file, damaged, or it shrank; its writer stopped: it has no end and has not grown for
+        `timeout` (what was whole is stored; `load(salvage=True)` reads the rest); it ended without
+        transforms, or without one of the topics (what came of the others is stored).
+    MixedSources
+        Groups of topics disagree, as in `Buffer.load`; the messages before are stored.
+    InvalidArgument
+        Options that need the whole file, and a timeout or interval that is none.
+    OSError
+        The file cannot be opened or read.
+    """
+    made = selected(follow_recording, selection)
+    following = Following(buffer, path, made, timeout=timeout, interval=interval)
+    following.run()
+    return following.report(3)
+
+
+class Following:
+    """One use of `follow_recording`, whose report can be had where a signal ends it."""
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        path: PathLike,
+        selection: Selection,
+        *,
+        timeout: float | None = None,
+        interval: float = 0.2,
+    ) -> None:
+        """Check the arguments."""
+        self._started = time.perf_counter()
+        refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
+        self._path = given_path(path, RecordingError)
+        _check_seconds("interval", interval)
+        if timeout is not None:
+            _check_seconds("timeout", timeout)
+        self._timeout, self._interval = timeout, interval
+        self._selection = selection
+        self._rewriter = rewriter_without_survey(selection.choice)
+        self._tally = Tally(buffer)
+
+    def run(self) -> None:
+        """Store what comes until the file is complete."""
+        watch = _watch(self._path, self._selection.choice, self._rewriter)
+        with closing(GrowingMcap(self._path)) as file:
+            grown, size = time.monotonic(), file.size
+            while True:
+                for messages, sources in file.read():
+                    self._take(messages, sources, watch)
+                if file.is_complete:
+                    break
+                now = time.monotonic()
+                if file.size != size:
+                    grown, size = now, file.size
+                elif self._timeout is not None and now - grown > self._timeout:
+                    raise RecordingError(
+                        self._path,
+                        f"it has not grown for {self._timeout:g} s and has no end: its writer "
+                        "stopped; salvage=True (--salvage) reads what it has",
+                    )
+                time.sleep(self._interval)
+            came = {absolute(name) for name in self._tally.topics}
+            if not self._tally.transforms or self._selection.choice.topics - came:
+                with open_recordings(self._path, self._selection):
+                    pass  # it refuses topics that are missing
+
+    def _take(self, messages: Recorded, sources: Mapping[int, Source], watch: Watch | None) -> None:
+        """Commit what is wanted of messages that just came, and count their topics."""
+        choice, counts = self._selection.choice, messages.counts()
+        for id_, source in sources.items():
+            if choice.wants(source):
+                self._tally.count_messages(source, counts.get(id_, 0), choice)
+        for run in _runs_that_came(messages, sources, choice, watch):
+            self._tally.store(run, choice, self._rewriter)
+
+    def report(self, level: int, *, whole: bool = True) -> LoadReport:
+        """Return what was stored so far; warnings name the caller `level` calls up.
+
+        A recording that was `whole` and had no transform is an error.
+        """
+        seconds = time.perf_counter() - self._started
+        report = self._tally.report((str(self._path),), seconds, self._rewriter, empty=not whole)
+        self._rewriter.warn(str(self._path), level + 1)
+        warn_of_refused(report.files, report.refused_edges, level + 1)
+        return report
+
+
+def refuse_mixture_so_far(path: PathLike, selection: Selection) -> None:
+    """Raise what `follow_recording` raises for the part of a file that is written already.
+
+    Raises MixedSources, RecordingError and InvalidArgument.
+    """
+    choice, given = selection.choice, given_path(path, RecordingError)
+    watch = _watch(given, choice, rewriter_without_survey(choice))
+    with closing(GrowingMcap(given)) as file:
+        for messages, sources in file.read() if watch is not None else ():
+            for _ in _runs_that_came(messages, sources, choice, watch):
+                pass
+
+
+def _watch(path: Path, choice: Choice, rewriter: Rewriter) -> Watch | None:
+    """Return what finds groups that disagree while a file grows; None: they may."""
+    is_judged = choice.judges_groups and not choice.by_namespace
+    return Watch(str(path), rewriter.without_names()) if is_judged else None
+
+
+def _runs_that_came(
+    messages: Recorded, sources: Mapping[int, Source], choice: Choice, watch: Watch | None
+) -> Iterator[Run]:
+    """Give the runs that are wanted of messages that just came, after a look at each."""
+
+    def kind(source: Source) -> object:
+        return choice.kind(source), "" if watch is None else spelling_of(source)
+
+    wanted = {id_ for id_, source in sources.items() if choice.wants(source)}
+    picked = _core.Recorded()
+    for index in range(len(messages)):
+        received, id_, data = messages[index]
+        if id_ in wanted:
+            picked.add(received, id_, data)
+    for run in runs_of(picked, sources, choice.wants, kind):
+        if watch is not None and choice.is_judged(run.source):
+            watch.look(run, *choice.kind(run.source))
+        yield run
+
+
+def _check_seconds(name: str, value: Any) -> None:
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not 0 < value < 10**9:
+        raise InvalidArgument(f"{name} is a positive number of seconds, not {value!r}", value=value)

@@ -1,0 +1,342 @@
+"""What a load did: its report, its counts while it runs, and what it says of refused transforms."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from tfdb import _core
+from tfdb.data.counting import counted
+from tfdb.data.errors import RecordingError, TfdbWarning
+from tfdb.data.refused import RefusedEdge
+
+from .static_conflicts import way_on
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from tfdb._core import Buffer
+    from tfdb.data.errors import TfdbError
+    from tfdb.data.loss import Loss
+    from tfdb.data.types import IngestResult
+    from tfdb.robots.joint_states import JointReport
+    from tfdb.trajectories.reading_report import TrajectoryRows
+
+    from .containers import Source
+    from .recording import Recording, Run
+    from .rewriter import Rewriter
+    from .selection import Choice
+
+NAMED = 8
+"""How many refused edges are named, each by a warning."""
+
+
+@dataclass(frozen=True)
+class TopicReport:
+    """What one topic gave: `messages` read, `static` if its transforms were stored as such."""
+
+    name: str
+    messages: int
+    static: bool
+
+
+@dataclass(frozen=True)
+class LoadReport:
+    """What a load did.
+
+    Parameters
+    ----------
+    files
+        In the order of reading, that of their start.
+    messages
+        Read from the topics of transforms.
+    transforms, commits
+        Stored; each message of which a transform was stored is one commit.
+    refused
+        Messages of which nothing was stored: damaged, or every transform was refused.
+    reasons, first_refusals
+        Name of the error class to how many transforms were refused with it, and to the first of its
+        messages. Errors of a message as a whole, such as `CorruptMessage`, count messages.
+    topics
+        The topics of transforms that were read.
+    start, end
+        When the first and last message were received, nanoseconds. The stamps inside the messages
+        may run on another clock.
+    seconds, seconds_reading_container
+        Time taken; the second is the part that read the containers.
+    forgotten
+        Samples of the recordings that the store does not keep, because they are older than its
+        `history` allows; those refused with `TooOld` included. Samples of one stamp count once,
+        unless they come after it was forgotten.
+    lost
+        What `salvage` could not save of damaged files; empty where nothing was lost.
+    left_out
+        Transforms that were read and not wanted, by `start`, `end`, `keep`, `frames` and `exclude`.
+    joints
+        What the joint states made of the robot's model; None without `urdf`.
+    trajectories
+        Counts of the rows of each trajectory file.
+    untimed
+        Topic to the number of its transforms without a timestamp: Foxglove's messages may leave it
+        out. They have the log time of their message.
+    notes
+        Remarks on unfinished or renamed files: how they were read.
+    refused_transforms
+        Transforms that were refused, those of messages that were stored in part included.
+    refused_edges
+        What was refused, by edge and error, the most frequent first.
+    """
+
+    files: tuple[str, ...]
+    messages: int
+    transforms: int
+    commits: int
+    refused: int
+    reasons: Mapping[str, int]
+    first_refusals: Mapping[str, str]
+    topics: tuple[TopicReport, ...]
+    start: int
+    end: int
+    seconds: float
+    seconds_reading_container: float
+    forgotten: int = 0
+    lost: tuple[Loss, ...] = ()
+    left_out: int = 0
+    joints: JointReport | None = None
+    trajectories: tuple[TrajectoryRows, ...] = ()
+    untimed: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    refused_transforms: int = 0
+    refused_edges: tuple[RefusedEdge, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """Write tables for notebooks: the topics, and what was refused."""
+        from tfdb.data.notebooks import table  # noqa: PLC0415 - needed by few
+
+        counts = (
+            "transforms",
+            "commits",
+            "refused",
+            "refused_transforms",
+            "forgotten",
+            "left_out",
+        )
+        told = ", ".join(f"{getattr(self, name)} {name.replace('_', ' ')}" for name in counts)
+        caption = f"{', '.join(self.files)}: {self.messages} messages, {told}"
+        topics = [(t.name, t.messages, "static" if t.static else "moving") for t in self.topics]
+        shown = table(caption, ("topic", "messages", "kind"), topics)
+        if not self.refused_edges:
+            return shown
+        rows = [(each.edge, each.error, each.count, each.first) for each in self.refused_edges]
+        return shown + table("refused", ("frame", "error", "count", "the first"), rows)
+
+
+@dataclass
+class Tally:
+    """Stores runs of messages and counts stored and refused transforms."""
+
+    buffer: Buffer
+    messages: int = 0
+    transforms: int = 0
+    commits: int = 0
+    refused: int = 0
+    refused_transforms: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    first_refusals: dict[str, str] = field(default_factory=dict)
+    refused_edges: dict[tuple[str, str, bool], RefusedEdge] = field(default_factory=dict)
+    topics: dict[str, TopicReport] = field(default_factory=dict)
+    start: int = 2**63 - 1
+    end: int = 0
+    lost: list[Loss] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    trajectories: list[TrajectoryRows] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        is_limited = self.buffer.history is not None
+        self._forgotten = _core.Forgotten(self.buffer) if is_limited else None
+
+    def count(self, recording: Recording, choice: Choice) -> None:
+        """Add the topics of a recording; its reader has checked their numbers of messages."""
+        for source in filter(choice.wants, recording.all_sources):
+            self.count_messages(source, source.messages, choice)
+        self.lost += recording.losses
+        self.notes += recording.notes
+        if recording.rows is not None:
+            self.trajectories.append(recording.rows)
+
+    def store_model(self, rewriter: Rewriter) -> None:
+        """Commit the fixed joints of a robot's model."""
+        fixed = rewriter.fixed_joints()
+        if fixed:
+            self.buffer.set_transforms(fixed, static=True, authority=rewriter.model_name)
+            self.transforms += len(fixed)
+            self.commits += 1
+
+    def store(
+        self,
+        read: Run,
+        choice: Choice,
+        rewriter: Rewriter,
+        step: Callable[[int], None] | None = None,
+    ) -> None:
+        """Commit the messages of a run."""
+        started = time.perf_counter()
+        encoding, static = choice.kind(read.source)
+        self.messages += read.last - read.first
+        self.start, self.end = min(self.start, read.start), max(self.end, read.end)
+        authorities = {id_: source.authority for id_, source in read.sources.items()}
+        self._add(
+            rewriter.ingest(
+                read,
+                self.buffer,
+                encoding,
+                static,
+                authorities=authorities,
+                forgotten=self._forgotten,
+            )
+        )
+        self.seconds += time.perf_counter() - started
+        if step is not None:
+            step(read.last - read.first)
+
+    def count_messages(self, source: Source, messages: int, choice: Choice) -> None:
+        """Add messages of a topic."""
+        before = self.topics.get(source.topic)
+        count = messages + (before.messages if before else 0)
+        self.topics[source.topic] = TopicReport(source.topic, count, choice.is_static(source))
+
+    def _add(self, result: IngestResult) -> None:
+        self.transforms += result.transforms
+        self.commits += result.commits
+        self.refused += result.refused
+        self.refused_transforms += result.refused_transforms
+        for name, refusal in result.reasons.items():
+            self.reasons[name] += refusal.count
+            self.first_refusals.setdefault(name, refusal.first)
+        for each in result.refused_edges:
+            self._add_refused(each)
+
+    def _add_refused(self, refused: RefusedEdge) -> None:
+        key = refused.edge, refused.error, refused.is_message
+        before = self.refused_edges.get(key)
+        if before is not None:
+            refused = replace(before, count=before.count + refused.count)
+        self.refused_edges[key] = refused
+
+    def _add_error(self, error: TfdbError, edge: str, *, is_message: bool) -> None:
+        """Count what was refused before the store saw it."""
+        name = type(error).__name__
+        self.reasons[name] += 1
+        self.first_refusals.setdefault(name, str(error))
+        self._add_refused(RefusedEdge(edge, name, 1, str(error), is_message))
+
+    def _name_ways_on(self, rewriter: Rewriter) -> None:
+        """Name the options of loading in the errors of edges that are static and move."""
+        conflict = "StaticConflict"
+        for key, each in self.refused_edges.items():
+            if each.error != conflict:
+                continue
+            frame = rewriter.old_name(each.edge)
+            text = way_on(each.first, frame, {t.name: t.static for t in self.topics.values()})
+            if self.first_refusals[conflict] == each.first:
+                self.first_refusals[conflict] = text
+            self.refused_edges[key] = replace(each, first=text)
+
+    def report(
+        self, files: tuple[str, ...], seconds: float, rewriter: Rewriter, *, empty: bool = False
+    ) -> LoadReport:
+        """Return the report; raise RecordingError where nothing was stored, unless it may be."""
+        for error in rewriter.refusals:
+            self.refused += 1
+            self._add_error(error, "", is_message=True)
+        for error in rewriter.refused_members:
+            self.refused_transforms += 1
+            self._add_error(error, error.edge or "", is_message=False)
+        self._name_ways_on(rewriter)
+        if not self.transforms and not empty:
+            path = ", ".join(files)
+            if not self.refused and rewriter.left_out:
+                raise RecordingError(path, rewriter.reason())
+            if not self.refused:
+                lost = "".join(f"; {loss}" for loss in self.lost)
+                raise RecordingError(path, f"its topics of transforms hold no transform{lost}")
+            most = max(self.refused_edges.values(), key=lambda each: each.count)
+            raise RecordingError(path, f"all messages were refused; {describe_refused(most)}")
+        return LoadReport(
+            files=files,
+            messages=self.messages,
+            transforms=self.transforms,
+            commits=self.commits,
+            refused=self.refused,
+            reasons=dict(self.reasons),
+            first_refusals=self.first_refusals,
+            topics=tuple(self.topics.values()),
+            start=self.start,
+            end=self.end,
+            seconds=seconds,
+            seconds_reading_container=seconds - self.seconds,
+            forgotten=0 if self._forgotten is None else self._forgotten.count,
+            lost=tuple(self.lost),
+            trajectories=tuple(self.trajectories),
+            left_out=rewriter.left_out,
+            joints=rewriter.joints_report(),
+            untimed=dict(rewriter.untimed),
+            notes=tuple(self.notes),
+            refused_transforms=self.refused_transforms,
+            refused_edges=tuple(
+                sorted(self.refused_edges.values(), key=lambda each: each.count, reverse=True)
+            ),
+        )
+
+
+def warn_of_refused(paths: Iterable[str], refused: Iterable[RefusedEdge], depth: int) -> None:
+    """Warn of each edge and error, but for what is forgotten; `depth` frames up is the caller."""
+    files = ", ".join(paths)
+    told = [each for each in refused if each.error != "TooOld"]
+    for each in told[:NAMED]:
+        text = f"{files}: {describe_refused(each)}"
+        warnings.warn(text, TfdbWarning, stacklevel=depth)
+    if len(told) > NAMED:
+        count = sum(each.count for each in told[NAMED:])
+        were = "was" if count == 1 else "were"
+        text = (
+            f"{files}: {counted(count, 'transform')} of {counted(len(told) - NAMED, 'other edge')} "
+            f"{were} refused; `refused_edges` of the load's report lists them"
+        )
+        warnings.warn(text, TfdbWarning, stacklevel=depth)
+
+
+def refused_by(
+    rewriters: Iterable[Rewriter], natively: Iterable[RefusedEdge] = ()
+) -> list[RefusedEdge]:
+    """What rewriters refused, by edge and error, the most frequent first.
+
+    `natively`: what was refused of TFMessages.
+    """
+    found = {(each.edge, each.error, each.is_message): each for each in natively}
+    for rewriter in rewriters:
+        whole = (("", error, True) for error in rewriter.refusals)
+        members = ((error.edge or "", error, False) for error in rewriter.refused_members)
+        for edge, error, is_message in chain(whole, members):
+            key = edge, type(error).__name__, is_message
+            before = found.get(key) or RefusedEdge(*key[:2], 0, str(error), is_message)
+            found[key] = replace(before, count=before.count + 1)
+    return sorted(found.values(), key=lambda each: (-each.count, not each.is_message))
+
+
+def describe_refused(refused: RefusedEdge) -> str:
+    """Say how many transforms of an edge were refused, and why the first was."""
+    one = refused.count == 1
+    name = refused.edge if len(refused.edge) <= 64 else f"{refused.edge[:64]}..."
+    what = f"{'transform' if one else 'transforms'} of frame {name!r}"
+    if refused.is_message:
+        what = "message" if one else "messages"
+    elif not refused.edge:
+        what = "transform without a child frame" if one else "transforms without a child frame"
+    were = "was" if one else "were"
+    return f"{refused.count:,} {what} {were} refused with {refused.error}: {refused.first}"

@@ -1,0 +1,392 @@
+"""Recordings that are read together: opened, checked, and what a selection takes of them."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from contextlib import ExitStack
+from copy import copy
+from typing import TYPE_CHECKING
+
+from tfdb import _core
+from tfdb.data.errors import InvalidArgument, RecordingError
+from tfdb.data.path_checks import given_paths
+from tfdb.data.stamps import format_seconds
+from tfdb.data.suggestions import did_you_mean, no_frame
+
+from .containers import (
+    FRAME_TRANSFORMS,
+    JOINT_STATE,
+    POSE_TYPES,
+    POSES_WITHOUT_CHILD,
+    Source,
+    encodings_of,
+)
+from .recorded_edges import RecordedEdges
+from .recording import Recording
+from .rewriter import Rewriter
+from .selection import absolute
+from .topic_groups import Survey
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
+    from typing import Self
+
+    from tfdb._core import Buffer
+    from tfdb.data.types import Paths
+    from tfdb.robots.joint_states import JointStates
+    from tfdb.robots.robot_model import RobotModel
+
+    from .recording import Run
+    from .rewriter import Window
+    from .selection import Choice, Selection
+
+    Step = Callable[[int], None]
+
+
+def open_recordings(files: Paths, selection: Selection) -> OpenRecordings:
+    """Open recordings to read what a selection takes of them, in the order of their start.
+
+    Parameters
+    ----------
+    files
+        One recording or several, as in `tfdb.load`.
+    selection
+        What is read.
+
+    Raises
+    ------
+    RecordingError
+        A file is not a recording, damaged or cut short; a topic is missing or holds nothing that
+        is read.
+    InvalidArgument
+        No file, or a `stamp_unit` where no file is a trajectory.
+    OSError
+        A file cannot be opened.
+    """
+    return OpenRecordings(files, selection)
+
+
+def each_once(given: Paths) -> list[Path]:
+    """List the paths; refuse one that comes twice."""
+    paths = given_paths(given, RecordingError)
+    seen: set[str] = set()
+    for path in paths:
+        real = os.path.realpath(path)
+        if real in seen:
+            raise InvalidArgument(f"{path} is given twice", path=str(path))
+        seen.add(real)
+    return paths
+
+
+class OpenRecordings:
+    """Recordings that are read together: `given` in their order, `files` in that of their start.
+
+    A context manager, which closes them. Threads: one.
+    """
+
+    def __init__(self, files: Paths, selection: Selection) -> None:
+        self.choice: Choice = copy(selection.choice)
+        paths = given_paths(files, RecordingError)
+        if not paths:
+            raise InvalidArgument("no recording to load: paths is empty")
+        with ExitStack() as stack:
+            self.given: list[Recording] = [
+                stack.enter_context(
+                    Recording(path, salvage=self.choice.salvage, stamp_unit=self.choice.stamp_unit)
+                )
+                for path in paths
+            ]
+            self._check()
+            self.files: list[Recording] = sorted(self.given, key=lambda recording: recording.start)
+            self._closing = stack.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closing.close()
+
+    @property
+    def names(self) -> str:
+        """The paths of the files."""
+        return ", ".join(str(recording.path) for recording in self.given)
+
+    @property
+    def sources(self) -> list[Source]:
+        """The sources that are read."""
+        sources = [source for each in self.files for source in each.all_sources]
+        return list(filter(self.choice.wants, sources))
+
+    @property
+    def count(self) -> int:
+        """How many messages are read."""
+        return sum(source.messages for source in self.sources)
+
+    def read(self, step: Step | None = None) -> Iterator[Run]:
+        """Read all messages, file by file; `step` as in `Recording.read`.
+
+        Raises RecordingError at once if a file is damaged.
+        """
+        parts = deque(self.read_one(recording, step) for recording in self.files)
+        return (run for _ in range(len(parts)) for run in parts.popleft())
+
+    def read_one(self, recording: Recording, step: Step | None = None) -> Iterator[Run]:
+        """Read the messages of one file."""
+        return recording.read(self.choice.wants, self.choice.kind, step)
+
+    def rewriter(self, step: Step | None = None, *, one_tree: bool = True) -> Rewriter:
+        """Return what chooses and renames the transforms of all files, for one store.
+
+        `one_tree`: they are read together, so groups of topics must agree.
+
+        Raises
+        ------
+        MixedSources
+            Files contradict each other, or no topic was named and groups of topics disagree.
+        UnknownFrame
+            A frame of `frames` does not exist.
+        InvalidArgument
+            `end` before `start`; an offset where nothing moves; two frames would have one name.
+        """
+        return self.rewriters([(self.choice.prefix, self.files)], step, one_tree=one_tree)[0]
+
+    def rewriters(
+        self,
+        robots: Sequence[tuple[str, Sequence[Recording]]],
+        step: Step | None = None,
+        *,
+        one_tree: bool = True,
+    ) -> list[Rewriter]:
+        """Return the rewriter of each robot, whose frames are kept apart by a prefix.
+
+        Offsets count from the first and to the last stamp of all. Raises what `rewriter` raises.
+        """
+        chosen = [self.choice.prefixed(prefix) for prefix, _ in robots]
+        if self.choice.needs_survey:
+            found = [self._survey(recordings, step) for _, recordings in robots]
+            frames = sorted({frame for edges, _ in found for frame in edges.frames})
+            for frame in sorted(set(self.choice.frames or ()) - set(frames)):
+                raise no_frame("frames", frame, frames)
+            ends = [stamp for edges, _ in found for stamp in edges.span or ()]
+            window = window_of(self.choice, (min(ends), max(ends)) if ends else None)
+            made = []
+            for each, (edges, joints) in zip(chosen, found, strict=True):
+                _check_names(each.rename, edges.frames)
+                children = None if each.frames is None else edges.between(each.frames)
+                made.append(Rewriter(each, window, children, joints))
+        else:
+            made = [Rewriter(each, window_of(each, None), None) for each in chosen]
+        for rewriter, (_, recordings) in zip(made, robots, strict=True):
+            if not self.choice.mix:
+                self._refuse_mixture(recordings, rewriter, one_tree=one_tree)
+        return made
+
+    def _refuse_mixture(
+        self, recordings: Sequence[Recording], rewriter: Rewriter, *, one_tree: bool
+    ) -> None:
+        choice = self.choice
+        survey = Survey(recordings, choice.wants, choice.kind, rewriter.without_names())
+        if one_tree and choice.judges_groups:
+            survey.refuse_groups(choice.is_judged, apart=choice.by_namespace)
+        survey.refuse_parts()
+
+    def _survey(
+        self, recordings: Sequence[Recording], step: Step | None
+    ) -> tuple[RecordedEdges, JointStates | None]:
+        """All that recordings hold, under old names; what makes transforms of joint states."""
+        choice = self.choice
+
+        def filtered() -> Rewriter:
+            return Rewriter(choice.of_origins(), (None, None), None)
+
+        if choice.model is None:
+            found = survey_edges(self, recordings, filtered(), step)
+            if found is not None:
+                return found, None
+        everything: Buffer = _core.Buffer(history=None)
+        first = filtered()
+
+        def store(wanted: Callable[[Source], bool]) -> None:
+            for recording in recordings:
+                for run in recording.read(wanted, choice.kind, step):
+                    first.ingest(run, everything, *choice.kind(run.source))
+
+        joints = None
+        store(lambda source: choice.wants(source) and source.type != JOINT_STATE)
+        if choice.model is not None:
+            # What the recording says itself of a frame is taken from there.
+            taken = [info.name for info in everything.tree() if info.parent is not None]
+            joints = _joint_states(choice.model, taken)
+            first.joints = joints.again()
+            fixed = first.fixed_joints()
+            if fixed:
+                everything.set_transforms(fixed, static=True)
+            store(lambda source: choice.wants(source) and source.type == JOINT_STATE)
+        return RecordedEdges.of_store(everything), joints
+
+    def _check(self) -> None:
+        """Refuse topics that are missing or not read, and files without any that is."""
+        choice = self.choice
+        unit = choice.stamp_unit
+        if unit is not None and all(each.rows is None for each in self.given):
+            reason = (
+                f"stamp_unit goes with trajectories in text, and {self.names} has stamps of its own"
+            )
+            raise InvalidArgument(reason, value=unit, path=self.names)
+        types = {absolute(t.name): t.type for each in self.given for t in each.topics}
+        held = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20]) or "none at all"
+        sources = [source for recording in self.given for source in recording.all_sources]
+        self._check_poses({absolute(s.topic): s for s in sources}, types, held)
+        given = {absolute(source.topic) for source in sources if source.holds_transforms}
+        roles = choice.roles
+        if roles is None and not given and not choice.reads_others:
+            more = next((_way_on(source) for source in sources if source.type in POSE_TYPES), "")
+            raise RecordingError(self.names, f"no topic with transforms{more}; its topics: {held}")
+        if roles is not None and not roles and not choice.reads_others:
+            raise InvalidArgument(
+                f"topics is empty: name some of {self.names}, or give None to read all that hold "
+                f"transforms; its topics: {held}",
+                value=[],
+                path=self.names,
+            )
+        unread = {absolute(s.topic): s for s in sources if s.type in FRAME_TRANSFORMS}
+        for name in sorted(set(roles or ()) - given):
+            if name in unread:
+                raise RecordingError(self.names, f"topic {name!r} {_not_read(unread[name])}")
+            if name in types:
+                raise RecordingError(
+                    self.names, f"topic {name!r} holds {types[name]}, not transforms"
+                )
+            raise self._no_topic(name, held, given)
+
+    def _check_poses(
+        self, by_topic: Mapping[str, Source], types: Mapping[str, str], held: str
+    ) -> None:
+        """Refuse topics of poses that are missing, or hold none; find that of joint states."""
+        for topic, child in self.choice.pose_topics.items():
+            source = by_topic.get(topic)
+            if topic not in types:
+                raise self._no_topic(topic, held, types)
+            if source is None or source.type not in POSE_TYPES:
+                kinds = ", ".join(sorted(POSE_TYPES))
+                raise RecordingError(
+                    self.names,
+                    f"topic {topic!r} holds {types[topic]}, not poses: those are {kinds}",
+                )
+            if source.encoding not in encodings_of(source.type):
+                raise RecordingError(self.names, f"topic {topic!r} {_not_read(source)}")
+            if child is None and source.type in POSES_WITHOUT_CHILD:
+                raise RecordingError(
+                    self.names,
+                    f"topic {topic!r} holds {types[topic]}, which does not say of which frame its "
+                    f"poses are: name it, pose_topics={{{topic!r}: 'base_link'}} "
+                    f"(--pose-topic {topic}=base_link)",
+                )
+        if self.choice.model is not None:
+            self.choice.joint_topic = self._joint_topic(by_topic, held)
+
+    def _joint_topic(self, sources: Mapping[str, Source], held: str) -> str:
+        found = {
+            topic: source
+            for topic, source in sources.items()
+            if source.type == JOINT_STATE and source.encoding in ("ros1", "cdr")
+        }
+        wanted = self.choice.joint_topic
+        if wanted is None:
+            usual = "/joint_states"
+            if len(found) > 1 and usual not in found:
+                listed = ", ".join(sorted(found))
+                raise RecordingError(
+                    self.names, f"several topics of joint states, name one by joint_topic: {listed}"
+                )
+            wanted = usual if usual in found else next(iter(found), usual)
+        if wanted not in found:
+            raise RecordingError(
+                self.names,
+                f"no topic {wanted!r} with joint states for the model; its topics: {held}",
+            )
+        return wanted
+
+    def _no_topic(self, topic: str, held: str, known: Iterable[str]) -> RecordingError:
+        hint = did_you_mean([topic], known)
+        return RecordingError(self.names, f"no topic {topic!r}; its topics: {held}{hint}")
+
+
+def survey_edges(
+    opened: OpenRecordings,
+    recordings: Sequence[Recording],
+    rewriter: Rewriter,
+    step: Step | None = None,
+) -> RecordedEdges | None:
+    """Return the edges that a rewriter leaves of recordings; None: a store must say."""
+    survey = _core.EdgeSurvey()
+    for recording in recordings:
+        for run in opened.read_one(recording, step):
+            rewriter.survey(run, survey, *opened.choice.kind(run.source))
+    found = survey.edges()
+    return None if found is None else RecordedEdges.of_survey(found)
+
+
+def rewriter_without_survey(choice: Choice) -> Rewriter:
+    """Return the rewriter of a growing file. Raises InvalidArgument for what needs all of it."""
+    needed = {
+        "frames": choice.frames,
+        "keep": choice.keep,
+        "urdf": choice.model,
+        "stamp_unit": choice.stamp_unit,
+        "salvage": choice.salvage,
+        "start as an offset": choice.start is not None and choice.start.since,
+        "end as an offset": choice.end is not None and choice.end.since,
+    }
+    given = ", ".join(name for name, value in needed.items() if value)
+    if given:
+        raise InvalidArgument(f"{given}: these need a finished file; this one is still written")
+    return Rewriter(choice, window_of(choice, None), None)
+
+
+def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
+    """Return the first and the last stamp that are wanted, where stamps run over `found`."""
+    first = None if choice.start is None else choice.start.resolve(found)
+    last = None if choice.end is None else choice.end.resolve(found)
+    if choice.keep is not None:
+        if found is None:
+            raise InvalidArgument("keep counts back from the last moving stamp, and nothing moves")
+        newest = found[1] if last is None else min(last, found[1])
+        first = max(newest - choice.keep, 0 if first is None else first)
+    if first is not None and last is not None and first > last:
+        ends = f"{format_seconds(last)} lies before start, {format_seconds(first)}"
+        raise InvalidArgument(f"end, {ends}", value=last)
+    return first, last
+
+
+def _check_names(rename: Mapping[str, str], frames: Sequence[str]) -> None:
+    """Refuse new names that others have."""
+    found: dict[str, str] = {}
+    for frame in frames:
+        new = rename.get(frame, frame)
+        other = found.setdefault(new, frame)
+        if other != frame:
+            raise InvalidArgument(
+                f"rename: {other!r} and {frame!r} would both be called {new!r}", value=new
+            )
+
+
+def _way_on(source: Source) -> str:
+    """How the poses of a topic are read, where no topic has transforms."""
+    if source.encoding in encodings_of(source.type):
+        return f"; pose_topics={source.topic!r} (--pose-topic {source.topic}) reads its poses"
+    return f"; topic {source.topic!r} {_not_read(source)}"
+
+
+def _not_read(source: Source) -> str:
+    """What is said of a topic whose messages have an encoding that is not read."""
+    listed = ", ".join(encodings_of(source.type))
+    return f"is encoded as {source.encoding[:40]!r}, which is not read: {listed} are"
+
+
+def _joint_states(model: RobotModel, taken: Iterable[str]) -> JointStates:
+    from tfdb.robots.joint_states import JointStates  # noqa: PLC0415 - needs numpy
+
+    return JointStates(model, taken)

@@ -1,0 +1,473 @@
+"""Recorded messages on their way into a store or a file: what is kept, under which names."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeAlias, TypedDict
+
+from tfdb import _core
+from tfdb.data.counting import counted
+from tfdb.data.errors import TfdbError, TfdbWarning, UnknownFrame
+from tfdb.data.refused import Refused
+from tfdb.data.stamps import format_seconds
+from tfdb.data.suggestions import did_you_mean, first_few, no_frame
+
+from .containers import JOINT_STATE, Source
+from .edge_rules import EdgeRules
+from .pose_messages import decode_joint_state, decode_poses
+from .selection import OTHERS, absolute
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from tfdb._core import Buffer, Recorded
+    from tfdb.data.types import IngestResult, TransformStamped
+    from tfdb.robots.joint_states import JointReport, JointStates
+
+    from .recording import Run
+    from .selection import Choice
+
+    class _Chosen(TypedDict):
+        selection: _core.Selection | None
+        rules: dict[int, int]
+
+    Window: TypeAlias = tuple[int | None, int | None]
+
+
+class Rewriter:
+    """Leaves out of messages what was not chosen, and gives frames their names.
+
+    Parameters
+    ----------
+    choice
+        What was asked for.
+    window
+        First and last stamp of moving transforms that are kept.
+    children
+        The child frames of the edges that are kept; None: all.
+    joints
+        What makes transforms of joint states.
+    """
+
+    def __init__(
+        self,
+        choice: Choice,
+        window: Window,
+        children: frozenset[str] | None,
+        joints: JointStates | None = None,
+    ) -> None:
+        self._choice = choice
+        self._rules = EdgeRules(choice, children)
+        self.window = window
+        self._selection = _core.Selection(self._rules.edge, *map(_as_stamp, window))
+        self.joints = joints
+        self.refusals: list[TfdbError] = []
+        """Errors of messages of which nothing is left."""
+        self.refused_members: list[TfdbError] = []
+        """Errors of transforms of which the rest of the message is left."""
+        self._empty: Buffer | None = None
+        self.is_idle: bool = choice.is_idle
+        # Of messages that are rewritten here; `_selection` counts the others.
+        self._names: dict[str, str] = {}
+        self._left_out = 0
+        self._moving = 0
+        self._outside: tuple[int, int] | None = None
+        self.untimed: Counter[str] = Counter()
+
+    @property
+    def left_out(self) -> int:
+        """How many transforms were not wanted."""
+        return self._left_out + self._selection.left_out
+
+    def ingest(
+        self,
+        run: Run,
+        store: Buffer,
+        encoding: str,
+        static: bool,
+        *,
+        authorities: Mapping[int, str] | None = None,
+        forgotten: _core.Forgotten | None = None,
+    ) -> IngestResult:
+        """Store what is wanted of a run, as `_core.ingest_recorded` does."""
+        part, chosen = self._part(run, static=static)
+        return _core.ingest_recorded(
+            store,
+            *part,
+            encoding=encoding,
+            static=static,
+            authorities=dict(authorities or {}),
+            forgotten=forgotten,
+            **chosen,
+        )
+
+    def rewrite(
+        self,
+        run: Run,
+        rewriter: _core.MessageRewriter,
+        out: Recorded,
+        encoding: str,
+        static: bool,
+    ) -> None:
+        """Add what is wanted of a run of TFMessages to messages that will be written."""
+        sources = {
+            id_: (source.authority, self._rules.number(source), self._renames(source))
+            for id_, source in run.sources.items()
+        }
+        rewriter.rewrite(
+            out,
+            run.messages,
+            run.first,
+            run.last,
+            encoding=encoding,
+            static=static,
+            sources=sources,
+            selection=None if self.is_idle else self._selection,
+        )
+
+    def survey(self, run: Run, survey: _core.EdgeSurvey, encoding: str, static: bool) -> None:
+        """Add what is wanted of a run to a survey."""
+        part, chosen = self._part(run, static=static)
+        _core.survey_recorded(survey, *part, encoding=encoding, static=static, **chosen)
+
+    def log(
+        self,
+        run: Run,
+        log: _core.ArrivalLog,
+        encoding: str,
+        static: bool,
+        *,
+        publishers: Mapping[int, str],
+    ) -> None:
+        """Add what is wanted of a run to a log; `publishers` by source."""
+        part, chosen = self._part(run, static=static)
+        log.add(
+            *part,
+            encoding=encoding,
+            static=static,
+            publishers=dict(publishers),
+            note_slashes=run.source.is_tf,
+            **chosen,
+        )
+
+    def children(
+        self, run: Run, encoding: str, static: bool
+    ) -> dict[int, dict[str, tuple[int, int]]]:
+        """Return the child frames of what is wanted of a run, by source.
+
+        Each has its first and last stamp.
+        """
+        part, chosen = self._part(run, static=static)
+        return _core.recorded_children(*part, encoding=encoding, static=static, **chosen)
+
+    def _part(self, run: Run, *, static: bool) -> tuple[tuple[Recorded, int, int], _Chosen]:
+        """Messages of transforms, and what chooses among them."""
+        if not run.source.is_tf:
+            made = self._made(run, static=static)
+            return (made, 0, len(made)), {"selection": None, "rules": {}}
+        part = run.messages, run.first, run.last
+        if self.is_idle:
+            return part, {"selection": None, "rules": {}}
+        rules = {id_: self._rules.number(source) for id_, source in run.sources.items()}
+        return part, {"selection": self._selection, "rules": rules}
+
+    def _made(self, run: Run, *, static: bool) -> Recorded:
+        """What is wanted of other messages, as messages of transforms."""
+        made = _core.Recorded()
+        for index in range(run.first, run.last):
+            received, id_, data = run.messages[index]
+            left = self.message(data, run.sources[id_], received, static=static)
+            if left is not None:
+                made.add(received, id_, left)
+        return made
+
+    def message(self, data: bytes, source: Source, received: int, *, static: bool) -> bytes | None:
+        """The bytes of a TFMessage; None where nothing of it is left.
+
+        `received` is when the message was, nanoseconds.
+
+        A damaged one is left as it is, for the store to refuse it; what makes no transforms is
+        added to `refusals`.
+        """
+        if self.is_idle and source.is_tf:
+            return data
+        before = len(self.refused_members)
+        try:
+            given = self.decoded(data, source, received, static=static)
+        except TfdbError as error:
+            if source.is_tf:
+                return data
+            self.refusals.append(error)
+            return None
+        left = self.transforms(given, source, static=static)
+        if not left:
+            return None if given or not source.is_tf else data
+        if not source.is_tf:
+            encoded = self.encoded(left, OTHERS)
+            return None if encoded is None else encoded[0]
+        is_whole = len(left) == len(given) and len(self.refused_members) == before
+        if is_whole and not self._renames(source):
+            return data
+        return _core.encode_tf_message(left, source.encoding)
+
+    def encoded(
+        self, transforms: Sequence[TransformStamped], encoding: str
+    ) -> tuple[bytes, int] | None:
+        """A TFMessage of those transforms that have a place in one, and how many; None: none has.
+
+        The errors of the others are added to `refused_members`, or that of all to `refusals`.
+        """
+        try:
+            return _core.encode_tf_message(transforms, encoding), len(transforms)
+        except TfdbError as error:
+            whole = error
+        good: list[TransformStamped] = []
+        bad: list[TfdbError] = []
+        for each in transforms:
+            try:
+                _core.encode_tf_message([each], encoding)
+            except TfdbError as error:
+                error.edge = each.child
+                bad.append(error)
+            else:
+                good.append(each)
+        if not good:
+            self.refusals.append(whole)
+            return None
+        self.refused_members += bad
+        return _core.encode_tf_message(good, encoding), len(good)
+
+    def decoded(
+        self, data: bytes, source: Source, received: int, *, static: bool
+    ) -> list[TransformStamped]:
+        """The transforms of one message; one that cannot be read is added to `refused_members`.
+
+        Raises CorruptMessage, or the first one's error if none can be read, with all of them in
+        `refused`. Those without a timestamp have that of the reception, `received`.
+        """
+        given = self._decoded(data, source, received, static=static)
+        space = self.space(source)
+        if not space:
+            return given
+        return [replace(one, parent=space + one.parent, child=space + one.child) for one in given]
+
+    def _renames(self, source: Source) -> bool:
+        return bool(self._choice.renames or self.space(source))
+
+    def space(self, source: Source) -> str:
+        """The prefix that `by_namespace` gives to the frames of a topic."""
+        return self._rules.space(source)
+
+    def old_name(self, frame: str) -> str:
+        """The name in the recording of a frame that was loaded."""
+        return next((old for old, new in self._loaded().items() if new == frame), frame)
+
+    def _loaded(self) -> dict[str, str]:
+        """The new names of frames that were loaded, by their old ones, where frames are renamed."""
+        names = dict(self._names)
+        for edge in self._selection.kept() if self._choice.renames else ():
+            frames = [each for each in self._rules.frames(*edge) if each and each.isprintable()]
+            names |= {frame: self._rules.name(frame) for frame in frames}
+        return names
+
+    def again(self) -> Rewriter:
+        """Make a rewriter that does the same, and has seen nothing yet."""
+        return self._with(self._choice)
+
+    def without_names(self) -> Rewriter:
+        """Make a rewriter that leaves out the same, and keeps all names."""
+        return self._with(self._choice.without_names())
+
+    def _with(self, choice: Choice) -> Rewriter:
+        joints = None if self.joints is None else self.joints.again()
+        return Rewriter(choice, self.window, self._rules.children, joints)
+
+    def _decoded(
+        self, data: bytes, source: Source, received: int, *, static: bool
+    ) -> list[TransformStamped]:
+        if source.is_tf:
+            members = _core.decode_members(
+                data, source.encoding, static=static, authority=source.authority
+            )
+            if self._renames(source):
+                members = [self._named(each, source) for each in members]
+            good = [each for each in members if not isinstance(each, TfdbError)]
+            bad = [each for each in members if isinstance(each, TfdbError)]
+            if bad and not good:
+                bad[0].refused = tuple(
+                    Refused(n, type(each).__name__, str(each), each.reason or "")
+                    for n, each in enumerate(bad)
+                )
+                raise bad[0]
+            self.refused_members += bad
+            return good
+        if source.type == JOINT_STATE:
+            state = decode_joint_state(data, source)
+            return (
+                [] if self.joints is None else self.joints.transforms(state.stamp, state.positions)
+            )
+        topic = absolute(source.topic)
+        found = decode_poses(data, source, self._choice.pose_topics.get(topic), received)
+        self.refused_members += found.refused
+        if found.untimed and not static:
+            self.untimed[topic] += found.untimed
+        return found.transforms
+
+    def _named(
+        self, one: TransformStamped | TfdbError, source: Source
+    ) -> TransformStamped | TfdbError:
+        """A transform of which both names are there; else the error of a store that gets it."""
+        if isinstance(one, TfdbError) or (one.parent and one.child):
+            return one
+        if self._empty is None:  # a store takes address space, which may be scarce
+            self._empty = _core.Buffer()
+        try:
+            self._empty.set_transforms([one], authority=source.authority)
+        except TfdbError as error:
+            error.edge = one.child
+            return error
+        return one
+
+    @property
+    def model_name(self) -> str:
+        """Who says where the fixed joints are."""
+        return "urdf"
+
+    def fixed_joints(self) -> list[TransformStamped]:
+        """The static transforms of the robot's model that are wanted."""
+        if self.joints is None:
+            return []
+        source = Source(self.model_name, OTHERS, self.model_name, 0)
+        return self.transforms(self.joints.fixed, source, static=True)
+
+    def joints_report(self) -> JointReport | None:
+        """How many joint states were used and refused; None without a model."""
+        return None if self.joints is None else self.joints.report()
+
+    def transforms(
+        self, given: Sequence[TransformStamped], source: Source, *, static: bool
+    ) -> list[TransformStamped]:
+        """What is left of the transforms of one message."""
+        if self.is_idle:
+            return list(given)
+        is_out = self._rules.excludes_source(source)
+        left = [
+            self._renamed(each)
+            for each in given
+            if not is_out
+            and self._rules.takes(source, each.parent, each.child)
+            and (static or self._is_inside(each))
+        ]
+        self._left_out += len(given) - len(left)
+        self._moving += 0 if static else len(left)
+        return left
+
+    def warn(self, what: str, depth: int) -> None:
+        """Say which options did nothing, or too much; `depth` frames up is who asked for it."""
+        for message in () if self.joints is None else self.joints.report().complaints():
+            warnings.warn(f"{what}: {message}", TfdbWarning, stacklevel=depth)
+        choice = self._choice
+        unused = [entry for entry in choice.exclude if entry not in self._rules.used]
+        if unused:
+            plain = [entry for entry in unused if not set(entry) & set("*?")]
+            hint = did_you_mean(plain, self._rules.names)
+            message = (
+                f"exclude: no frame, topic or node of {what} is called {first_few(unused)}{hint}"
+            )
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+        known = self._known()
+        unknown = sorted(set(choice.rename) - known)
+        if unknown:
+            hint = did_you_mean(unknown, known)
+            message = (
+                f"rename: nothing was loaded of {what} that is called {first_few(unknown)}{hint}"
+            )
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+        left_out = self._left_out_names()
+        if left_out:
+            message = f"rename: {first_few(left_out)} of {what}: left out by {choice.limits}"
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+        if self._all_outside() and not self._moving + self._selection.moving:
+            message = f"{what}: nothing moves {self._described()}"
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+        for topic, count in self.untimed.items():
+            message = f"{what}: {describe_untimed(topic, count)}"
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+
+    def check_renamed(self) -> None:
+        """Raise UnknownFrame for a frame to be renamed that is missing or left out."""
+        known = self._known()
+        for frame in sorted(set(self._choice.rename) - known):
+            raise no_frame("rename", frame, sorted(known))
+        for frame in self._left_out_names():
+            text = f"rename: frame {frame!r} is left out by {self._choice.limits}"
+            raise UnknownFrame(text, frame=frame)
+
+    def _known(self) -> set[str]:
+        """The old names of the frames that were seen, as errors may show them."""
+        found = self._loaded().keys() | self._rules.seen
+        return {each for each in found if each and each.isprintable()}
+
+    def _left_out_names(self) -> list[str]:
+        """The frames to be renamed that were seen, and of which nothing was loaded."""
+        return sorted((self._choice.rename.keys() & self._known()) - self._loaded().keys())
+
+    def reason(self) -> str:
+        """Why nothing is left."""
+        one = self.left_out == 1
+        what = "the only transform is" if one else f"all {self.left_out:,} transforms are"
+        count = f"{what} left out by {self._choice.limits}"
+        return f"{count}: nothing moves {self._described()}" if self._all_outside() else count
+
+    def _all_outside(self) -> tuple[int, int] | None:
+        """The first and last moving stamp that only the time window left out."""
+        found = [ends for ends in (self._outside, self._selection.outside) if ends is not None]
+        return (min(a for a, _ in found), max(b for _, b in found)) if found else None
+
+    def _described(self) -> str:
+        first, last = self.window
+        since = "" if first is None else f" from {format_seconds(first)}"
+        until = "" if last is None else f" to {format_seconds(last)}"
+        outside = self._all_outside()
+        there = " to ".join(map(format_seconds, outside or ()))
+        given = [time for time in (self._choice.start, self._choice.end) if time is not None]
+        meant = [time for time in given if time.may_be_offset(outside)]
+        offsets = " and ".join(f"'+{format_seconds(each.ns)}'".replace(" s", "") for each in meant)
+        hint = f"; did you mean {offsets}, from the start?" if meant else ""
+        return f"{since}{until}, its stamps run from {there}{hint}".lstrip()
+
+    def _is_inside(self, transform: TransformStamped) -> bool:
+        first, last = self.window
+        stamp: int = transform.stamp  # type: ignore[assignment]  # as it was decoded
+        if (first is None or stamp >= first) and (last is None or stamp <= last):
+            return True
+        low, high = self._outside or (stamp, stamp)
+        self._outside = min(low, stamp), max(high, stamp)
+        return False
+
+    def _renamed(self, transform: TransformStamped) -> TransformStamped:
+        if not self._choice.renames:
+            return transform
+        parent, child = self._name(transform.parent), self._name(transform.child)
+        return replace(transform, parent=parent, child=child)
+
+    def _name(self, frame: str) -> str:
+        name = self._names.get(frame)
+        if name is None:
+            name = self._names[frame] = self._rules.name(frame)
+        return name
+
+
+def describe_untimed(topic: str, count: int) -> str:
+    """Say how many transforms of a topic have no timestamp."""
+    what = f"{counted(count, 'transform')} of topic {topic!r}"
+    if count == 1:
+        return f"{what} has no timestamp and gets the log time of its message"
+    return f"{what} have no timestamp and get the log time of their message"
+
+
+def _as_stamp(time: int | None) -> int | None:
+    """A time in the range of stamps that the core compares."""
+    return None if time is None else max(-(2**63), min(time, 2**63 - 1))

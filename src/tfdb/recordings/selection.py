@@ -1,0 +1,462 @@
+"""Which part of recordings is read, and the names of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from copy import copy
+from dataclasses import dataclass, field
+from functools import cached_property
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Literal
+
+from tfdb.data.argument_checks import given_flag, given_word
+from tfdb.data.decimal_time import UNITS
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.given_time import time_of
+from tfdb.data.signatures import describe_misfit, read_signature
+from tfdb.data.stamps import shown
+
+from .containers import JOINT_STATE
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable
+
+    from tfdb.data.decimal_time import Unit
+    from tfdb.data.given_time import Time
+    from tfdb.data.stamps import StampLike
+    from tfdb.data.types import PoseTopics, Topics
+    from tfdb.robots.robot_model import RobotModel
+
+    from .containers import Source
+    from .selected import Selected
+
+OTHERS: Literal["ros1"] = "ros1"
+"""How transforms are encoded that come from messages of other kinds."""
+ROLES = ("tf", "tf_static")
+"""The last part of a topic's name; by it transforms are moving or static."""
+
+
+def _option(metavar: str, text: str) -> dict[str, str]:
+    """Describe a field for `--help`."""
+    return {"metavar": metavar, "help": text}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """Which part of recordings is read, and the names of its frames.
+
+    The fields are the keywords of `tfdb.load`, `Buffer.load` and `follow_recording`, and the
+    options of the commands that read recordings: `start="+1"` is `--start +1`.
+
+    Parameters
+    ----------
+    topics
+        Which topics to read; None: all that hold transforms, TFMessage or Foxglove's
+        FrameTransform and FrameTransforms. A mapping renames them, as in
+        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
+        `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`;
+        Foxglove's, when the name ends in `_static`.
+    start, end
+        The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
+        the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
+        stamp of what is read, `"-0.5"` before the last: `exclude` leaves stamps out of that,
+        `frames` does not. Static transforms are kept always.
+    keep
+        Only so many seconds before the earlier of `end` and the last moving stamp.
+    frames
+        Only the edges on the paths between these frames. Where one tree holds only one of them:
+        those on its path to the root.
+    exclude
+        Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
+        one: edges from or to these frames are left out, and all transforms of these topics and
+        nodes. Frames below form a tree of their own; `frames` counts paths without them.
+        `"/tf_static:base_link"` names one edge on one topic, by its child frame.
+    rename
+        New names of frames by their old ones, as in `{"map": "world"}`. `frames` and `exclude` are
+        about the old ones.
+    pose_topics
+        Topics whose poses become moving edges: Odometry, TransformStamped, PoseStamped,
+        PoseWithCovarianceStamped, Path, and Foxglove's PoseInFrame. The edge goes from the frame of
+        the header to the child that the message names; a mapping names it where the message does
+        not, or not well: `{"/pose": "base_link"}`. With `topics=()` they are all that is read.
+    urdf
+        The model of the robot, or its file: joint states become moving edges, fixed joints static
+        ones. Frames that the recording's transforms place are not overwritten by the model. The
+        report's `joints` lists joints that are missing, unknown or beyond their limits.
+    joint_topic
+        The topic of the joint states; None: `/joint_states`, or the only one.
+    stamp_unit
+        The unit of stamps in the text of trajectories: `"s"`, `"ms"`, `"us"` or `"ns"`. None: the
+        unit that the file names, else found by the size of the stamps, with a warning.
+    prefix
+        What is put before the name of each frame, after `rename`: `"robot1/"`.
+    by_namespace
+        Keep groups of topics apart: the frames of `/robot1/tf` and `/robot1/tf_static` get the
+        prefix `robot1/`, those of `/tf_old` the prefix `tf_old/`, those of `/tf` none. Topics of
+        poses get the prefix of their namespace. The other options are about these names. Not with
+        `urdf`.
+    mix
+        Load all topics and files into one tree, although they disagree on an edge: of samples
+        with one stamp the last one counts, and lookups interpolate between the sources.
+    salvage
+        Read damaged, cut and unindexed files as far as they go, and bag folders without the files
+        that are missing; the report says what was lost. Rows of trajectories are sorted by their
+        stamps, and skipped where they hold no valid stamp or pose.
+
+    Raises
+    ------
+    InvalidArgument, InvalidStamp
+        A value that its field does not take, and values that exclude each other.
+    ModelError
+        `urdf` is not a robot model.
+    """
+
+    topics: Topics | None = field(
+        default=None,
+        metadata=_option(
+            "FROM[:TO]",
+            "Read only the topic FROM (as TO, whose last part is tf or tf_static); repeatable.  "
+            "[default: every topic of transforms]",
+        ),
+    )
+    start: StampLike | str | None = field(
+        default=None, metadata=_option("TIME", "Read no moving transform before this time.")
+    )
+    end: StampLike | str | None = field(
+        default=None, metadata=_option("TIME", "Read no moving transform after this time.")
+    )
+    keep: float | None = field(
+        default=None, metadata=_option("SECONDS", "Read only the last seconds.")
+    )
+    frames: str | Iterable[str] | None = field(
+        default=None,
+        metadata=_option("NAME", "Read only the edges between these frames; repeatable."),
+    )
+    exclude: str | Iterable[str] = field(
+        default=(),
+        metadata=_option(
+            "NAME",
+            "Leave out this frame, topic or node (* and ? as in a shell), or the edge of a frame "
+            "on a topic, TOPIC:FRAME; repeatable.",
+        ),
+    )
+    rename: Mapping[str, str] | None = field(
+        default=None, metadata=_option("FROM:=TO", "Rename the frame FROM to TO; repeatable.")
+    )
+    pose_topics: PoseTopics | None = field(
+        default=None,
+        metadata=_option(
+            "TOPIC[=CHILD]",
+            "Also read the poses on TOPIC (Odometry, PoseStamped, Path ...) as poses of the frame "
+            "CHILD; repeatable.",
+        ),
+    )
+    urdf: str | os.PathLike[str] | RobotModel | None = field(
+        default=None,
+        metadata=_option("FILE", "Make transforms of joint states with this robot model."),
+    )
+    joint_topic: str | None = field(
+        default=None,
+        metadata=_option(
+            "TOPIC", "Topic of the joint states for --urdf.  [default: /joint_states]"
+        ),
+    )
+    stamp_unit: Literal["s", "ms", "us", "ns"] | None = field(
+        default=None,
+        metadata=_option(
+            "s|ms|us|ns",
+            "Unit of the stamps in trajectory files.  [default: from the header or the numbers]",
+        ),
+    )
+    prefix: str = field(
+        default="", metadata=_option("TEXT", "Put TEXT before the name of each frame.")
+    )
+    by_namespace: bool = field(
+        default=False,
+        metadata=_option(
+            "",
+            "Load each group of topics under its own prefix: the frames of /robot1/tf under "
+            "robot1/.",
+        ),
+    )
+    mix: bool = field(
+        default=False,
+        metadata=_option(
+            "",
+            "Load all into one tree, although groups of topics, or files, disagree on an edge.",
+        ),
+    )
+    salvage: bool = field(
+        default=False,
+        metadata=_option(
+            "",
+            "Read damaged, cut and unindexed files as far as they go; sort rows of trajectories "
+            "and skip bad ones. Print what is lost.",
+        ),
+    )
+
+    def __post_init__(self) -> None:
+        _ = self.choice
+
+    @cached_property
+    def choice(self) -> Choice:
+        """The same values, each in one form."""
+        return Choice(self)
+
+
+def selected(function: Callable[..., Any], options: Selected) -> Selection:
+    """Make the selection of a function's `**options`. Raises TypeError for names of others."""
+    unknown = [name for name in options if name not in Selection.__dataclass_fields__]
+    if unknown:
+        parameters = list(read_signature(function).parameters.values())
+        placed = sum(each.default is each.empty for each in parameters)
+        raise TypeError(describe_misfit(function.__name__, parameters, placed, unknown))
+    return Selection(**options)
+
+
+class Choice:
+    """A `Selection` with each value in one form. Raises what that raises."""
+
+    def __init__(self, given: Selection) -> None:
+        self.salvage: bool = given_flag("salvage", given.salvage)
+        self.start: Time | None = time_of("start", given.start)
+        self.end: Time | None = time_of("end", given.end)
+        self.frames: tuple[str, ...] | None = (
+            None if given.frames is None else _names("frames", given.frames)
+        )
+        if self.frames is not None and not self.frames:
+            raise InvalidArgument("frames is empty: name some, or give None for all", value=())
+        self.exclude: tuple[str, ...] = _names("exclude", given.exclude)
+        self.keep: int | None = _seconds(given.keep)
+        self.rename: dict[str, str] = _mapping(given.rename)
+        self.prefix: str = _prefix(given.prefix)
+        self.pose_topics: dict[str, str | None] = _pose_topics(given.pose_topics)
+        self.model: RobotModel | None = _model(given.urdf)
+        if given.joint_topic is not None and self.model is None:
+            raise InvalidArgument("joint_topic goes with urdf, the model of the robot")
+        self.joint_topic: str | None = (
+            None if given.joint_topic is None else absolute(given.joint_topic)
+        )
+        self.by_namespace: bool = given_flag("by_namespace", given.by_namespace)
+        self.mix: bool = given_flag("mix", given.mix)
+        if self.mix and self.by_namespace:
+            raise InvalidArgument(
+                "mix puts groups of topics together, by_namespace keeps them apart"
+            )
+        if self.model is not None and self.by_namespace:
+            raise InvalidArgument(
+                "by_namespace keeps robots apart, and urdf is the model of one robot: name the "
+                "topics of that robot"
+            )
+        unit = given.stamp_unit
+        self.stamp_unit: Unit | None = None
+        if unit is not None:
+            self.stamp_unit = given_word("stamp_unit", unit, UNITS)
+        self.roles: dict[str, str] | None = _roles(given.topics)
+        """What each topic is read as; None: all are, as they are called."""
+
+    @property
+    def topics(self) -> set[str]:
+        """The topics that were asked for by name."""
+        return {*(self.roles or ()), *self.pose_topics}
+
+    @property
+    def reads_others(self) -> bool:
+        """Whether anything is read beside transforms."""
+        return bool(self.pose_topics or self.model)
+
+    @property
+    def judges_groups(self) -> bool:
+        """Whether groups of topics must agree."""
+        return self.roles is None and not self.mix
+
+    def wants(self, source: Source) -> bool:
+        """Return whether a source is to be read."""
+        topic = absolute(source.topic)
+        named = self.roles is None or topic in self.roles
+        if source.is_tf or (source.holds_transforms and named):
+            return named
+        if source.type == JOINT_STATE:
+            return self.model is not None and topic == self.joint_topic
+        return topic in self.pose_topics
+
+    def is_static(self, source: Source) -> bool:
+        """Return whether the transforms of a source are static."""
+        name = absolute(source.topic)
+        role = (self.roles or {}).get(name, name)
+        if role == name:
+            return source.is_static
+        return source.holds_transforms and role.rsplit("/", 1)[-1] == "tf_static"
+
+    def kind(self, source: Source) -> tuple[str, bool]:
+        """Return what the messages of a run have in common: the stored encoding, and if static."""
+        return source.encoding if source.is_tf else OTHERS, self.is_static(source)
+
+    def is_judged(self, source: Source) -> bool:
+        """Return whether a source holds transforms that were not asked for by name."""
+        is_named = absolute(source.topic) in self.pose_topics
+        return source.holds_transforms and self.wants(source) and not is_named
+
+    @property
+    def limits(self) -> str:
+        """What leaves out edges and stamps, in words; empty: nothing."""
+        return _in_words(
+            start=self.start,
+            end=self.end,
+            frames=self.frames and sorted(self.frames),
+            exclude=sorted(self.exclude),
+            keep=self.keep,
+        )
+
+    @property
+    def renames(self) -> bool:
+        """Whether frames get other names than those that `by_namespace` gives them."""
+        return bool(self.rename or self.prefix)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether all transforms of the topics are kept, under their names."""
+        return not (self.limits or self.renames or self.by_namespace)
+
+    @property
+    def key(self) -> str:
+        """The same words for the same choice; empty: that of everything."""
+        others = _in_words(
+            rename=sorted(self.rename.items()),
+            prefix=self.prefix,
+            stamp_unit=self.stamp_unit,
+            pose_topics=sorted(self.pose_topics.items(), key=str),
+            urdf=self.model and sorted(self.model.joints.items()),
+            joint_topic=self.joint_topic,
+            by_namespace=self.by_namespace,
+            mix=self.mix,
+            salvage=self.salvage,
+        )
+        topics = "" if self.roles is None else f"topics={sorted(self.roles.items())}"
+        return "; ".join(filter(None, (self.limits, others, topics)))
+
+    @property
+    def needs_survey(self) -> bool:
+        """Whether the recordings are looked through before."""
+        offsets = any(time is not None and time.since for time in (self.start, self.end))
+        return bool(offsets or self.keep or self.frames or self.rename or self.model)
+
+    def without_names(self) -> Choice:
+        """Leave out the same, and keep all names."""
+        return self._but(prefix="", rename={})
+
+    def of_origins(self) -> Choice:
+        """Keep alone what decides where a transform comes from."""
+        everything = Choice(Selection())
+        kept = ("exclude", "pose_topics", "by_namespace", "roles")
+        return everything._but(**{name: getattr(self, name) for name in kept})
+
+    def prefixed(self, prefix: str) -> Choice:
+        """Give frames another prefix."""
+        return self._but(prefix=_prefix(prefix))
+
+    def _but(self, **values: Any) -> Choice:
+        """Make a copy with other values."""
+        made = copy(self)
+        vars(made).update(values)
+        return made
+
+
+def _in_words(**values: object) -> str:
+    """List the values that are given, with their names."""
+    return ", ".join(f"{name}={value!r}" for name, value in values.items() if value)
+
+
+def _roles(topics: Any) -> dict[str, str] | None:
+    if topics is None:
+        return None
+    if isinstance(topics, Mapping):
+        return {absolute(name): role_of(name, role) for name, role in topics.items()}
+    if isinstance(topics, str | bytes) or not isinstance(topics, Iterable):
+        topics = [topics]
+    return {absolute(name): absolute(name) for name in topics}
+
+
+def role_of(topic: str, name: Any) -> str:
+    """What a topic is read as; raises InvalidArgument for what says neither moving nor static."""
+    role = absolute(name)
+    if role.rsplit("/", 1)[-1] in ROLES or role == absolute(topic):
+        return role
+    reason = f"topic {topic!r} cannot be read as {name!r}, only as {' or '.join(ROLES)}"
+    raise InvalidArgument(reason, value=name)
+
+
+def _prefix(given: Any) -> str:
+    if not isinstance(given, str):
+        kind = type(given).__name__
+        raise InvalidArgument(f"prefix is what to put before names, got a {kind}", value=given)
+    return given.removeprefix("/")
+
+
+def _seconds(keep: Any) -> int | None:
+    """Nanoseconds of a positive number of seconds."""
+    if keep is None:
+        return None
+    is_number = isinstance(keep, Real) and not isinstance(keep, bool)
+    if not is_number or not 5e-10 < keep < 2**31:
+        raise InvalidArgument(
+            f"keep is how many seconds before the last moving stamp are kept, not {shown(keep)}",
+            value=keep,
+        )
+    return round(float(keep) * 10**9)
+
+
+def _names(option: str, given: Any) -> tuple[str, ...]:
+    """Names of frames and others, without their leading slash."""
+    one = isinstance(given, str | bytes) or not isinstance(given, Iterable)
+    if getattr(given, "ndim", 1) == 0:  # an array of no dimension
+        given, one = given.item(), True
+    several = [given] if one else list(given)
+    for name in several:
+        if not isinstance(name, str) or not name.strip("/"):
+            raise InvalidArgument(f"{option} are names, got {shown(name)}", value=name)
+    return tuple(name.removeprefix("/") for name in several)
+
+
+def _mapping(given: Any) -> dict[str, str]:
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise InvalidArgument(f"rename maps names to names, got {shown(given)}", value=given)
+    old, new = _names("rename", given.keys()), _names("rename", given.values())
+    for name in old:
+        if old.count(name) > 1:
+            raise InvalidArgument(f"rename: {name!r} is given two names", value=given)
+    return dict(zip(old, new, strict=True))
+
+
+def _pose_topics(given: Any) -> dict[str, str | None]:
+    """Child frames, or None, by topic."""
+    if given is None:
+        return {}
+    if isinstance(given, Mapping):
+        return {
+            absolute(topic): None if child is None else _names("pose_topics", child)[0]
+            for topic, child in given.items()
+        }
+    if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+        given = [given]
+    return {absolute(topic): None for topic in given}
+
+
+def _model(urdf: Any) -> RobotModel | None:
+    if urdf is None:
+        return None
+    from tfdb.robots.robot_model import RobotModel  # noqa: PLC0415 - needs numpy
+    from tfdb.robots.urdf import load_urdf  # noqa: PLC0415
+
+    return urdf if isinstance(urdf, RobotModel) else load_urdf(urdf)
+
+
+def absolute(topic: Any) -> str:
+    """Return the name of a topic with its leading slash."""
+    if not isinstance(topic, str):
+        kind = type(topic).__name__
+        raise InvalidArgument(f"topics are names or map names to names, got a {kind}", value=topic)
+    return "/" + topic.strip("/")
