@@ -1,4 +1,4 @@
-"""The types of arguments and answers: what a signature names and `tfdb` itself does not offer."""
+"""The types of arguments and results that are not at the top of `tfdb`."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ MODES: dict[Align, str] = {
     "origin": "first poses",
     "none": "not at all",
 }
-"""What is fitted, and how people call it."""
+"""The fitted transforms, and their names for users."""
 
 NEEDED: dict[Align, int] = {"se3": 3, "sim3": 3, "scale": 2, "yaw": 2, "origin": 2, "none": 2}
 """Smallest number of matched poses; relative errors need two in any case."""
@@ -114,7 +114,7 @@ def _yaw(target: Array, source: Array) -> Similarity:
 
 
 def _rounding(points: Array) -> float:
-    """Metres that float64 cannot tell from none, at the size of these numbers."""
+    """Rounding error of float64 in metres, at the size of these numbers."""
     return 16.0 * _EPSILON * max(float(np.abs(points).max()), 1e-300)
 
 

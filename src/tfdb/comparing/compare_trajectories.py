@@ -173,7 +173,7 @@ def _judge(
     tolerance: float,
     by_reference: bool,
 ) -> Comparison:
-    """Align, and measure what is left."""
+    """Align, and measure the remaining error."""
     ours, theirs = given
     how = options["align"]
     if len(matched.stamps) < NEEDED[how]:
@@ -230,7 +230,7 @@ def _offset(offset: Any) -> int | None:
 
 
 def _number(name: str, value: Any, *, above: float | None = None, least: float = 0.0) -> None:
-    """Refuse what is not a finite number above or at least so much."""
+    """Refuse a value that is not a finite number above (or at least) a bound."""
     wanted = f"above {above:g}" if above is not None else f"of at least {least:g}"
     try:
         fine = not isinstance(value, bool | str) and math.isfinite(value)

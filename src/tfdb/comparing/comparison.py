@@ -31,7 +31,7 @@ class Errors:
     """Errors of one kind over time, and their statistics, in `unit` (the sse in its square)."""
 
     name: str
-    """What they are, such as `APE translation`."""
+    """Name of the errors, such as `APE translation`."""
     unit: Literal["m", "rad"]
     """Metres, or radians from 0 to pi."""
     stamps: Stamps
@@ -123,7 +123,7 @@ class Comparison:
     alignment: Transform
     """T[reference.target<-estimate.target], for positions that were multiplied with `scale`."""
     scale: float
-    """What the estimate's positions were multiplied with."""
+    """Scale of the estimate's positions."""
     offset: int
     """Nanoseconds that were added to the estimate's stamps."""
     offset_estimated: bool
@@ -135,7 +135,7 @@ class Comparison:
     max_diff: int
     """How far, in nanoseconds, the nearest pose was allowed to be; 0 row by row."""
     align: Align
-    """What was fitted."""
+    """The fitted transform."""
     delta: float
     """The way or time of a relative error, in `delta_unit`."""
     delta_unit: DeltaUnit
@@ -214,7 +214,7 @@ class Comparison:
         return [errors.in_degrees() for errors in kinds]
 
     def _facts(self) -> list[tuple[str, str]]:
-        """What people must know to read the numbers."""
+        """Remarks for readers of the numbers."""
         ways = {"interpolate": "interpolated", "nearest": "the nearest"}
         if self.association == "rows":
             within = "row by row"
@@ -232,5 +232,5 @@ class Comparison:
 
 
 def _number(value: float) -> str:
-    """Six decimals, as evo prints; what they cannot show, by its exponent."""
+    """Write six decimals, as evo does, or an exponent for other magnitudes."""
     return f"{value:.6f}" if value == 0 or 1e-6 <= value < 1e6 else f"{value:.4e}"

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tfdb.data.decimal_time import Unit
 
 TrajectoryLike: TypeAlias = Trajectory | Reads | str | os.PathLike[str]
-"""What `compare` takes."""
+"""Inputs of `compare`."""
 
 Frames: TypeAlias = tuple[str, str]
 """Target and source."""
@@ -46,7 +46,7 @@ class Reading:
 def given_trajectory(
     given: Any, frames: Frames | None, role: str, parameter: str, reading: Reading
 ) -> Trajectory:
-    """Make a trajectory of what a caller gave.
+    """Make a trajectory of an argument.
 
     `role` names it in errors, `parameter` the frames. Raises what loading and looking up raise,
     InvalidArgument, InvalidTransform and NotComparable.
@@ -106,7 +106,7 @@ def _kitti_times(given: Any) -> bool | None:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file is a recording; what is none is left to `Trajectory.read`."""
+    """Whether a file is a recording; `Trajectory.read` reads the others."""
     with suppress(RecordingError):
         return kind_of(path) != "trajectory"
     return False

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Role = Literal["reference", "estimate"]
 
 _ORDERS = (("w x y z", (1, 2, 3, 0)), ("x y z w", (3, 0, 1, 2)))
-"""The order in which the file may have them, and what makes x y z w of what was read."""
+"""Possible order in the file, and the indices that convert it to x y z w."""
 _OFF = np.deg2rad(10.0)
 _PART = 0.2
 

@@ -34,7 +34,7 @@ _MOST_POSES = 1_000
 _CANDIDATES = 6
 _WINDOW = 100_000_000
 _ROUNDING = 1e-15
-"""Of a misfit: what fits as well without an offset has none."""
+"""Ratio of misfits above which no offset is assumed."""
 
 
 def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool) -> int:
@@ -201,7 +201,7 @@ class _Fit:
 
 
 def _misfit(a: Array, b: Array, *, scaled: bool) -> float:
-    """What Umeyama's alignment leaves of the squares of a, from the covariances alone."""
+    """Sum of squares that Umeyama's alignment leaves, from the covariances alone."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     u, d, vt = np.linalg.svd(a.T @ b)
     if np.linalg.det(u) * np.linalg.det(vt) < 0:

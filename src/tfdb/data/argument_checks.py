@@ -1,4 +1,4 @@
-"""Arguments that callers give: refused, in our words, where they are nothing of what is wanted."""
+"""Checks of arguments, with tfdb's errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def given_flag(name: str, value: Any) -> bool:
-    """Return whether something is true. Raises InvalidArgument for what is neither."""
+    """Return the truth value of an argument. Raises InvalidArgument if it has none."""
     try:
         return bool(value)
     except Exception as error:
@@ -44,19 +44,19 @@ def refuse_word(name: str, value: Any, words: Collection[str], more: str = "") -
 
 
 def not_one_of(name: str, value: Any, words: Collection[str], more: str = "") -> str:
-    """Say that `name` must be one of some words, and which may have been meant."""
+    """Word the error that `name` must be one of some words, with the nearest."""
     valid = [*map(repr, words), *([more] if more else [])]
     listed = " or ".join([", ".join(valid[:-1]), valid[-1]] if len(valid) > 1 else valid)
     return f"{name} must be {listed}, got {shown(value)}{_question(value, words)}"
 
 
 def unknown_word(value: str, words: Collection[str]) -> str:
-    """Say that a word is not one of some, as click does, and which may have been meant."""
+    """Word as click does that a word is not one of some, with the nearest."""
     return f"{value!r} is not one of {', '.join(map(repr, words))}{_question(value, words)}"
 
 
 def unknown_ending(path: str, endings: Collection[str]) -> str:
-    """Say that a file's name has none of the endings, and which may have been meant."""
+    """Word the error for an unknown file extension, with the nearest."""
     ending = PurePath(path).suffix
     return f"{path!r} ends in none of {', '.join(endings)}{_question(ending, endings)}"
 
@@ -67,6 +67,6 @@ def _question(value: Any, words: Collection[str]) -> str:
 
 
 def refuse_without(value: Any, name: str, what: str, *attributes: str) -> None:
-    """Raise TypeError for an object without these attributes: it is not `what` was asked for."""
+    """Raise TypeError for an object without these attributes; `what` is expected."""
     if isinstance(value, ModuleType) or not all(hasattr(value, each) for each in attributes):
         raise TypeError(f"{name} is {what}, got {shown(value)}")

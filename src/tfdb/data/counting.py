@@ -6,5 +6,5 @@ __all__: list[str] = []
 
 
 def counted(count: int, thing: str) -> str:
-    """Write a count and what it counts; an `s` makes the plural."""
+    """Write a count and its noun, with an `s` for the plural."""
     return f"{count:,} {thing}" if count == 1 else f"{count:,} {thing}s"

@@ -1,4 +1,4 @@
-"""Stamps between decimal text and integer nanoseconds, without a float on the way."""
+"""Conversion of stamps between decimal text and integer nanoseconds, without floats."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def is_whole(text: str) -> bool:
 
 
 def whole_part(text: str) -> int | None:
-    """The number without its decimals; None for what is not a number, or one of 40 digits."""
+    """The number without its decimals; None if it is not a number, or has 40 digits."""
     whole = text.partition(".")[0]
     if is_whole(whole) and len(whole) < 40 and "e" not in text and "E" not in text:
         return int(whole)

@@ -1,4 +1,4 @@
-"""Names that a package offers, and imports when they are used."""
+"""Names of a package that are imported on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a damaged file could not be read."""
+"""Losses of a damaged file."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def _made(work: Path) -> Iterator[Path]:
 def refuse_existing(
     path: Path, *, overwrite: bool = False, refusal: Refusal = invalid, hint: str = EXISTS
 ) -> None:
-    """Raise what `refusal` makes of (path, reason) unless a file may be written under that name."""
+    """Raise the error `refusal(path, reason)` unless the file may be written."""
     if not os.path.lexists(path):
         return
     if not given_flag("overwrite", overwrite):
@@ -115,7 +115,7 @@ def is_one_of(path: Path, inputs: Sequence[Path]) -> bool:
 
 @contextmanager
 def _errors_name(path: Path, folder: Path) -> Iterator[None]:
-    """Let errors about what lies in `folder` name the file that was asked for instead."""
+    """Make errors about files in `folder` name the requested file."""
     try:
         yield
     except OSError as error:
@@ -142,7 +142,7 @@ def _bring_to_disk(path: Path) -> None:
 
 
 def _take_name(made: Path, target: Path) -> None:
-    """Give the file its name; raises `FileExistsError` if somebody else has it."""
+    """Rename the file; raises `FileExistsError` if the name is taken."""
     try:
         os.link(made, target)
     except OSError as error:

@@ -72,14 +72,14 @@ def _frame_row(info: Any) -> tuple[object, ...]:
 
 
 def of_frame(info: Any) -> str:
-    """Show what is known of one frame."""
+    """Show the properties of a frame."""
     gap = format_seconds(info.longest_gap) if info.longest_gap else ""
     head = (*_FRAME_HEAD, "longest gap", "late", "authority")
     return table(f"frame {info.name}", head, [(*_frame_row(info), gap, info.late, info.authority)])
 
 
 def of_transform(transform: Transform) -> str:
-    """Show the pose of a transform, and what it was made from."""
+    """Show the pose of a transform, and the samples that it was made from."""
     timeless = transform.stamp == 0 and transform.report.timeless
     when = "all times" if timeless else format_seconds(transform.stamp)
     rows = [
@@ -157,7 +157,7 @@ def of_twist(twist: Any) -> str:
 
 
 def of_changes(changes: Any) -> str:
-    """Show what a commit did, and to which frames."""
+    """Show the effects of a commit on frames."""
     frames: dict[str, Sequence[str]] = {
         "stored": _children(changes.stored),
         "stored static": _children(changes.stored_static),

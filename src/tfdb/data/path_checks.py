@@ -1,4 +1,4 @@
-"""Paths that callers give: refused where they name no file, named in every error of reading one."""
+"""Checks of path arguments; errors of reading name the path."""
 
 from __future__ import annotations
 

@@ -46,14 +46,14 @@ def doubles(values: Any) -> Array:
 
 
 def found(poses: Array) -> npt.NDArray[np.bool_]:
-    """Say of each row whether all its numbers are finite."""
+    """Whether all numbers of each row are finite."""
     import numpy as np
 
     return np.asarray(np.isfinite(poses).all(axis=1))
 
 
 def missing(poses: Array) -> npt.NDArray[np.bool_]:
-    """Say of each row whether it is NaN as a whole, which means that the pose is missing."""
+    """Whether each row is NaN as a whole, which means a missing pose."""
     import numpy as np
 
     return np.asarray(np.isnan(poses).all(axis=1))

@@ -18,7 +18,7 @@ class Refused:
     error: str
     """Name of the error class, such as `TooOld`."""
     message: str
-    """What the error would say."""
+    """The error's message."""
     reason: str
     """The same, in a few words where they suffice."""
 

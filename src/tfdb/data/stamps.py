@@ -71,12 +71,12 @@ RosTime: TypeAlias = SecNanosec | SecsNsecs | ToNsec | Nanoseconds
 """A time of ROS, of any library."""
 
 StampLike: TypeAlias = "int | np.integer[Any] | np.datetime64 | datetime | RosTime"
-"""What every parameter that is a stamp takes; integers are nanoseconds."""
+"""Accepted by every parameter that is a stamp; integers are nanoseconds."""
 
 StampsLike: TypeAlias = (
     "npt.NDArray[np.integer[Any] | np.datetime64] | SupportsArray | Iterable[StampLike]"
 )
-"""What every parameter that is an array of stamps takes."""
+"""Accepted by every parameter that is an array of stamps."""
 
 # 19 digits hold every stamp; the rest is for digits behind the nanosecond, which are rounded off.
 _CONTEXT = Context(prec=60, rounding=ROUND_HALF_EVEN)
@@ -161,7 +161,7 @@ def _no_stamp(seconds: object) -> InvalidStamp:
 
 
 def _itself(value: Any) -> int:
-    """Convert what holds a stamp without being a number."""
+    """Convert an object that holds a stamp."""
     from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
 
     return to_nanoseconds(value)

@@ -1,4 +1,4 @@
-"""Which of the names that there are may have been meant."""
+"""Suggestions for mistyped names."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def near_names(name: str, known: Iterable[str], *, most: int = 3, cutoff: float = 0.5) -> list[str]:
-    """Those of `known` that are most like `name`, whatever their case; the nearest first."""
+    """The names in `known` most similar to `name`, ignoring case, nearest first."""
     alike: dict[str, list[str]] = {}
     for each in known:
         alike.setdefault(each.casefold(), []).append(each)

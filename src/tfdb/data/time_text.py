@@ -9,7 +9,7 @@ from .decimal_time import NS_PER_SECOND as NS
 from .decimal_time import ns_to_seconds
 
 _EPOCH_NS = 946_684_800 * NS
-"""The year 2000: stamps before it were not made by a clock that tells the date."""
+"""The year 2000; earlier stamps are not of a calendar clock."""
 
 
 def format_ns(ns: int) -> str:
@@ -30,7 +30,7 @@ def format_date(ns: int, *, day: bool = True) -> str:
 
 
 def format_when(ns: int) -> str:
-    """Seconds, and the date in UTC where it is known: ``12.500000000``."""
+    """Seconds, and the date in UTC of a calendar clock: ``12.500000000``."""
     date = format_date(ns)
     return f"{format_ns(ns)} ({date} UTC)" if date else format_ns(ns)
 

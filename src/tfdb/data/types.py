@@ -1,4 +1,4 @@
-"""The plain data that goes into a store and comes out of it."""
+"""Plain data of stores: arguments and results."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ class RosTransformStamped(Protocol):
 
 
 TransformStampedLike: TypeAlias = "TransformStamped | RosTransformStamped | Transform"
-"""What `Buffer.set_transforms` takes a sequence of."""
+"""A member of the batches of `Buffer.set_transforms`."""
 
 
 class Columns:
@@ -350,7 +350,7 @@ def _refuse_other_frames(poses: Any, target: object, source: object) -> None:
 
 
 def _quaternions(rotations: Any) -> Any:
-    """Return (N, 4) of a Rotation of scipy; what else there is stays as it is."""
+    """Return (N, 4) of a scipy Rotation; other values are returned unchanged."""
     as_quat = getattr(rotations, "as_quat", None)
     return as_quat() if callable(as_quat) else rotations
 
@@ -563,11 +563,11 @@ class IngestResult:
     commit: int
     """Number of the newest commit."""
     reasons: dict[str, Refusal] = field(default_factory=dict)
-    """What was refused, by the name of the error class."""
+    """Refused transforms by error class."""
     refused_transforms: int = 0
     """Transforms refused, those of messages that were stored in part included."""
     refused_edges: tuple[RefusedEdge, ...] = ()
-    """What was refused, by edge and error."""
+    """Refused transforms by edge and error."""
 
 
 belong_to("tfdb.types", globals(), __all__)

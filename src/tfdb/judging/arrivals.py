@@ -1,4 +1,4 @@
-"""A recording's transforms in the order of their arrival, for the doctor."""
+"""Transforms of a recording in the order of arrival, for the doctor."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ class Log:
 
     @classmethod
     def of(cls, recorded: RecordedArrivals) -> Log:
-        """Return the log of what was recorded."""
+        """Return the log of recorded arrivals."""
         log = cls()
         log.names = recorded.names
         log._ids = {name: number for number, name in enumerate(log.names)}
@@ -179,7 +179,7 @@ class Log:
         publisher: str,
         static: bool,
     ) -> None:
-        """Add an edge whose transforms arrived when their stamps say, a static one at 0."""
+        """Add an edge whose transforms arrived at their stamps, a static one at 0."""
         rows = len(stamps)
         if static:
             stamps = np.zeros_like(stamps)
@@ -219,7 +219,7 @@ class Log:
             columns.static.append(static)
 
     def edges(self) -> Iterator[Edge]:
-        """Give the edges by name."""
+        """Return the edges by name."""
         yield from sorted(self._edges, key=lambda edge: edge.name)
         for name, columns in sorted(self._columns.items()):
             yield Edge(
@@ -250,7 +250,7 @@ def examine(log: Log, limits: Limits = Limits()) -> list[Finding]:
 
 
 def _examine_clock(whole: Sequence[Edge], names: Sequence[str], limits: Limits) -> list[Finding]:
-    """Find what is wrong with the moving edges, whose stamps are of one clock."""
+    """Find faults of moving edges with stamps of one clock."""
     start = min(int(edge.stamps.min()) for edge in whole)
     end = max(int(edge.stamps.max()) for edge in whole)
     jumps = {edge.name: jump_rows(edge, limits.jump) for edge in whole}
@@ -271,7 +271,7 @@ def _examine_clock(whole: Sequence[Edge], names: Sequence[str], limits: Limits) 
 
 
 def leading_slashes(frames: Sequence[str]) -> list[Finding]:
-    """Report the frames of which messages say both `map` and `/map`."""
+    """Report frames that messages name both `map` and `/map`."""
     return [
         Finding(
             "leading-slash",
@@ -462,7 +462,7 @@ def _repeated(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
 
 
 def _ordered(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Edge]:
-    """Give each piece in the order of its stamps, without repeated and without broken samples."""
+    """Yield each piece sorted by stamp, without repeated and broken samples."""
     order = np.lexsort((edge.stamps, pieces))
     for rows in np.split(order, np.flatnonzero(np.diff(pieces[order])) + 1):
         part = edge._rows(rows)
@@ -505,7 +505,7 @@ def _turns(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
 
 
 def _ahead(edges: Sequence[Edge]) -> Iterator[Finding]:
-    """Report the edges most of whose stamps lie ahead of their arrival, all in one finding."""
+    """Report edges with most stamps ahead of their arrival, in one finding."""
     found = []
     for edge in edges:
         ahead = edge.stamps - edge.arrivals

@@ -1,4 +1,4 @@
-"""What a live store holds, and what is committed to it, as the doctor wants it."""
+"""Contents of a live store and its later commits, as input of the doctor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _BETWEEN = 0.1
 
 
 def stored_arrivals(state: Reads) -> Arrivals:
-    """Take what is stored for arrived in the order of the stamps, each when its stamp says."""
+    """Treat stored samples as if each arrived at its stamp."""
     log, known = Log(), False
     for info in state.tree():
         if info.parent is None:
@@ -66,7 +66,7 @@ class Follower:
         """How many commits went by unseen."""
 
     def changes(self, until: float) -> list[Changes]:
-        """What was committed since the last call; waits for something until then (monotonic)."""
+        """Commits since the last call; waits for one until a monotonic time."""
         live = self._live
         if not live.wait(until):
             return []
@@ -84,7 +84,7 @@ class Follower:
 def watch_arrivals(
     live: Followed, seconds: float, progress: Callable[[int, int], None] | None
 ) -> Arrivals:
-    """Follow the commits for so long; of static edges also take what was there."""
+    """Follow commits for a while, and include existing static edges."""
     log = _Log()
     began = time.monotonic()
     with live.store.snapshot() as state:
@@ -107,7 +107,7 @@ def watch_arrivals(
 
 
 class _Log:
-    """What arrived, and who wrote it: a store knows of each frame who was the last."""
+    """Arrivals and their publishers; a store keeps the last one of each frame."""
 
     def __init__(self) -> None:
         self._log = Log()
@@ -135,7 +135,7 @@ class _Log:
 
 
 def author_of(store: Reads, frame: str) -> str:
-    """Who wrote last to a frame."""
+    """The last publisher of a frame."""
     try:
         return store.frame_info(frame).authority
     except errors.UnknownFrame:

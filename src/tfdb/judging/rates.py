@@ -1,4 +1,4 @@
-"""How often frames come, how late, and from whom: what `tfdb monitor` shows."""
+"""Rates, delays and publishers of frames, for `tfdb monitor`."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Delays:
 
 @dataclass
 class Frame:
-    """One frame: who sent it from where, and its delays, period by period."""
+    """One frame: publishers, parent, and delays per period."""
 
     parent: str
     static: bool
@@ -171,7 +171,7 @@ class Rates:
             sent.count += int((theirs & static).sum())
 
     def forget_stamps(self, name: str) -> None:
-        """Begin anew with a frame whose samples were dropped, as when time jumps back."""
+        """Restart a frame whose samples were dropped, as when time jumps back."""
         frame = self.frames.get(name)
         if frame is not None:
             frame.newest = None

@@ -58,7 +58,7 @@ class Arrivals:
 
 @dataclass(frozen=True)
 class _Row:
-    """One or many moving edges, what a publisher of one sent, or (without stamps) static ones."""
+    """Moving edges, the samples of one publisher, or (without stamps) static edges."""
 
     text: str
     depth: int
@@ -156,7 +156,7 @@ def _is_width(value: object) -> bool:
 
 
 def _checked(arrivals: Any) -> dict[str, tuple[Stamps, list[str]]]:
-    """Return the arrivals as columns; raise InvalidArgument for what is none."""
+    """Return the arrivals as columns; raise InvalidArgument for other types."""
     try:
         given = dict(arrivals or {})
         found = {
@@ -177,7 +177,7 @@ def _checked(arrivals: Any) -> dict[str, tuple[Stamps, list[str]]]:
 
 
 class _Rows:
-    """What the rows are made of."""
+    """Content of the rows."""
 
     def __init__(
         self,
@@ -197,7 +197,7 @@ class _Rows:
         }
 
     def listed(self, rows: int | None) -> list[_Row]:
-        """Give at most so many, if that can be: edges as the tree has them, then static ones."""
+        """Return at most `rows` rows if possible: edges in tree order, then static ones."""
         infos = self.store.tree()
         folds = Folds(Forest(infos), {info.name: self._height(info) for info in infos})
         still = {info.name for info in infos if info.is_static}
@@ -233,7 +233,7 @@ class _Rows:
         return 1 + several if info.name in self.edges else 0
 
     def _edge(self, info: FrameInfo, depth: int) -> Iterator[_Row]:
-        """An edge, then what each of several publishers sent."""
+        """An edge, then the samples of each of several publishers."""
         several = self._several(info.name)
         said = f"{several} publishers" if several else ""
         if info.is_static:
@@ -290,7 +290,7 @@ class _Rows:
         return np.asarray(self.store.samples(info.name)[0])
 
     def _late(self, info: FrameInfo) -> Stamps | None:
-        """The late samples, where arrivals say which."""
+        """The late samples, if arrivals are known."""
         sent = self.arrivals.get(info.name, (np.empty(0, np.int64),))[0]
         return _late(sent) if len(sent) else None
 

@@ -40,10 +40,10 @@ _HEADINGS = 14
 _SIZE = (9.6, 5.4)
 _SMALLEST = (5.0, 4.0)
 _PARTS = 1500
-"""So many pieces at most has a path whose colour changes."""
+"""Largest number of pieces of a path with changing colour."""
 _MOST_TICKS = 8
 _OWN_PAD = 21.0
-"""What matplotlib adds to the padding of an axis in space."""
+"""Padding that matplotlib adds to a 3-D axis."""
 _LINES: tuple[Literal["-", "--", "-.", ":"], ...] = ("-", "--", "-.", ":")
 
 
@@ -311,7 +311,7 @@ def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
 
 
 def _values(path: _Path, color: str) -> Floats:
-    """Return what the colour of each piece between neighbouring poses tells."""
+    """Return the value that sets the colour of each piece between two poses."""
     good = path.good
     if color == "time":
         return (path.seconds[good][1:] + path.seconds[good][:-1]) / 2

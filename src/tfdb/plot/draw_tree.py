@@ -118,7 +118,7 @@ def _infos(frames: Any) -> list[FrameInfo]:
 
 
 def _nodes(folded: Folds) -> Iterator[_Node]:
-    """Give what is drawn, from top to bottom."""
+    """Return the drawn nodes, from top to bottom."""
     down = 0.0
     for at, row in enumerate(folded.rows()):
         if at and row.depth == 0:

@@ -50,7 +50,7 @@ class Errors(Protocol):
 
 
 class Compared(Protocol):
-    """What `tfdb.compare` returns."""
+    """A result of `tfdb.compare`."""
 
     def __len__(self) -> int:
         """Number of matched poses."""

@@ -25,7 +25,7 @@ class FoldedRow:
 
 
 def check_rows(rows: object) -> None:
-    """Refuse what is not a number of rows."""
+    """Refuse values that are not a number of rows."""
     if rows is not None and (type(rows) is not int or rows < 1):
         raise InvalidArgument(f"rows must be a number from 1 on, or None, got {rows!r}", value=rows)
 
@@ -84,7 +84,7 @@ class Folds:
             shown -= self._hide(name, self.forest.children[name])
 
     def rows(self) -> Iterator[FoldedRow]:
-        """Give what is left, from top to bottom."""
+        """Return the remaining rows, from top to bottom."""
         frames = self.forest.by_name
         stack = [FoldedRow(frames[root].parent, 0, frames[root]) for root in self.forest.roots]
         stack.reverse()

@@ -44,7 +44,7 @@ SERIES = (
     "#a68a00",
     "#1597a5",
 )
-"""Colours of things that are told apart."""
+"""Colours to distinguish several things."""
 
 TITLE_SIZE = 12.0
 TEXT_SIZE = 9.0
@@ -75,7 +75,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def lay_out(figure: Figure, top: float, between: float = 0.02) -> None:
-    """Let what is added from now on find its place by itself, below `top` points."""
+    """Lay out later additions automatically, below `top` points."""
     width, height = figure.get_size_inches() * 72
     figure.set_layout_engine(
         "constrained",
@@ -124,7 +124,7 @@ def label(axes: Axes, x: str, y: str) -> None:
 
 
 def font() -> dict[str, Any]:
-    """Return what makes a text be drawn in our fonts."""
+    """Return the font options of a text."""
     return {"fontfamily": label_fitting.families()}
 
 

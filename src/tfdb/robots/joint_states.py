@@ -72,7 +72,7 @@ class JointReport:
     wide: tuple[Joint, ...] = ()
 
     def complaints(self) -> Iterator[str]:
-        """What is worth a warning, one text for each kind."""
+        """Texts of warnings, one for each kind."""
         if self.missing:
             yield f"no joint state names {_few(self.missing)}: the links below have no parent"
         if self.wide:
@@ -148,7 +148,7 @@ class JointStates:
         self._beyond[name] = BeyondLimits(name, limits, count, position, stamp)
 
     def report(self) -> JointReport:
-        """What there was so far."""
+        """The report up to now."""
         joints = self._model.joints
         missing = [
             name

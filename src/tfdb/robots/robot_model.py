@@ -106,7 +106,7 @@ def _checked_links(links: Any, joints: Any, root: str) -> tuple[str, ...]:
 
 
 def describe_wide(joints: Iterable[Joint]) -> str:
-    """Say of floating and planar joints that their transforms come from elsewhere; "": no joint."""
+    """Word the warning for floating and planar joints; "": no joint."""
     chosen = list(joints)
     if not chosen:
         return ""
@@ -304,7 +304,7 @@ class RobotModel:
         return {name: poses[name] for name in self.joints if name in poses}
 
     def follow(self, name: str, given: Mapping[str, Any]) -> Any:
-        """The position of a joint: its own, or what its leaders make of it; None if unknown."""
+        """The position of a joint, its own or by its leaders; None if unknown."""
         scale, offset = 1.0, 0.0
         while name not in given:
             joint = self.joints[name]

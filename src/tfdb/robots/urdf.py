@@ -147,7 +147,7 @@ class _Reader:
                 self.ignored.setdefault((element.tag, name), f"line {element.line}: {text}")
 
     def check_joint(self, element: Element) -> None:
-        """Note what is unknown in a joint: attributes, and elements that may be mistyped."""
+        """Note unknown attributes of a joint, and elements that may be mistyped."""
         self.check_attributes(element)
         seen: set[str] = set()
         for child in element.children:

@@ -18,7 +18,7 @@ MAX_DEPTH = 200
 
 
 class XmlError(Exception):
-    """What is wrong with the text, and on which line."""
+    """A fault of the text, with its line."""
 
     def __init__(self, reason: str, line: int) -> None:
         super().__init__(f"line {line}: {reason}")

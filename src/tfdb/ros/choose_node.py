@@ -1,4 +1,4 @@
-"""Which node a program means: the one that it gave, rospy's, or one of our own."""
+"""Chooses the node of a program: a given one, rospy's, or one of our own."""
 
 # ruff: noqa: PLC0415  (a ROS is imported only by those who use it)
 

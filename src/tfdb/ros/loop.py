@@ -1,4 +1,4 @@
-"""One thread that looks after many connections."""
+"""One thread for many connections."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Loop:
         heapq.heappush(self._due, (time.monotonic() + seconds, self._count, action))
 
     def watch(self, connection: socket.socket, events: int, ready: Ready) -> None:
-        """Call `ready(events)` whenever one of `events` is there; again: change what is watched."""
+        """Call `ready(events)` on one of `events`; a second call changes the events."""
         if connection.fileno() in self._selector.get_map():
             self._selector.modify(connection, events, ready)
         else:
@@ -108,7 +108,7 @@ class Loop:
 
 
 def _guarded(action: Callable[..., None], *arguments: int) -> None:
-    """Call it; what it raises is logged, and the rest goes on."""
+    """Call it; an exception is logged, and the loop continues."""
     try:
         action(*arguments)
     except Exception:

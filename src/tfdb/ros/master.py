@@ -24,11 +24,11 @@ TIMEOUT = 10.0
 ANSWER_LIMIT = 16 << 20
 SUCCESS = 1
 CALL_ERRORS = (OSError, http.client.HTTPException, xmlrpc.client.Error, expat.ExpatError)
-"""What a call can end with where the peer is not there, or does not keep to the protocol."""
+"""Exceptions of a call to a missing peer, or to one that violates the protocol."""
 
 
 class _Transport(xmlrpc.client.Transport):
-    """HTTP that gives up on a peer that is silent, or says too much."""
+    """HTTP that gives up on a silent peer, or on too long an answer."""
 
     accept_gzip_encoding = False
 
@@ -100,26 +100,26 @@ class Master:
         return value if code == SUCCESS else None
 
     def register_subscriber(self, topic: str, kind: str, node_uri: str) -> Sequence[str]:
-        """Say that the node listens; returns the URIs of those that publish."""
+        """Register a subscriber; returns the URIs of the publishers."""
         found = self._done("registerSubscriber", topic, kind, node_uri)
         return [str(each) for each in found]
 
     def unregister_subscriber(self, topic: str, node_uri: str) -> None:
-        """Say that it does not listen any more."""
+        """Unregister a subscriber."""
         self._done("unregisterSubscriber", topic, node_uri)
 
     def register_publisher(self, topic: str, kind: str, node_uri: str) -> None:
-        """Say that the node publishes."""
+        """Register a publisher."""
         self._done("registerPublisher", topic, kind, node_uri)
 
     def unregister_publisher(self, topic: str, node_uri: str) -> None:
-        """Say that it does not publish any more."""
+        """Unregister a publisher."""
         self._done("unregisterPublisher", topic, node_uri)
 
     def register_service(self, name: str, service_uri: str, node_uri: str) -> None:
-        """Say that the node answers a service."""
+        """Register a service."""
         self._done("registerService", name, service_uri, node_uri)
 
     def unregister_service(self, name: str, service_uri: str) -> None:
-        """Say that it does not answer any more."""
+        """Unregister a service."""
         self._done("unregisterService", name, service_uri)

@@ -81,7 +81,7 @@ class _Span:
         self.nanosec = nsecs
 
     def to_nsec(self) -> int:
-        """All of it in nanoseconds, as rospy says it."""
+        """Total nanoseconds, under rospy's name."""
         return self.nanoseconds
 
     def to_sec(self) -> float:
@@ -360,7 +360,7 @@ class ChannelFloat32:
     _type: ClassVar[str] = "sensor_msgs/ChannelFloat32"
 
     name: str = ""
-    """What the values are."""
+    """Meaning of the values."""
     values: list[float] = field(default_factory=list)
     """One for each point."""
 
@@ -416,7 +416,7 @@ class PointCloud2:
     width: int = 0
     """Points in a row."""
     fields: list[PointField] = field(default_factory=list)
-    """What each point holds."""
+    """Fields of each point."""
     is_bigendian: bool = False
     """Whether the numbers are."""
     point_step: int = 0

@@ -1,4 +1,4 @@
-"""What listeners, broadcasters and servers need of a node, whichever ROS it lives in."""
+"""Interface of nodes of either ROS for listeners, broadcasters and servers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 __all__ = ["Encoding", "Flavor", "Node", "Publisher", "Service", "Subscription"]
 
 Flavor: TypeAlias = Literal["ros1", "ros2"]
-"""A side of ROS: whose rules, phrases and messages count."""
+"""A side of ROS, for its rules, texts and messages."""
 Encoding: TypeAlias = Literal["ros1", "cdr"]
-"""How messages lie in bytes, as `Buffer.ingest` says it."""
+"""Encoding of messages, as in `Buffer.ingest`."""
 
 
 class Subscription(Protocol):
@@ -119,4 +119,4 @@ class Node(Protocol):
         """Call `called(now)` whenever simulated time is set, and once when the node ends."""
 
     def close(self) -> None:
-        """Close what the node opened; a node of rospy or rclpy that was given stays."""
+        """Close the node's entities; a user's rospy or rclpy node stays."""

@@ -1,4 +1,4 @@
-"""A node of one's own, in either ROS, for programs that are nothing but that node."""
+"""A node of either ROS for programs that consist of it."""
 
 # ruff: noqa: PLC0415  (a ROS is imported only by those who use it)
 

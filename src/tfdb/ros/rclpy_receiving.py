@@ -217,7 +217,7 @@ class _Waited(Waitable):  # type: ignore[misc]  # rclpy is not typed
 
 
 class _Topic:
-    """A subscription of rclpy that its executors do not know.
+    """A subscription of rclpy outside its executors.
 
     Threads: one at a time; any may close it.
     """
@@ -255,7 +255,7 @@ class _Topic:
         self._first = self._take()
 
     def opened(self, take_back: Callable[[], object]) -> GraphEntity:
-        """Give what closes it, as `node.destroy_subscription(opened.native)` does, too."""
+        """Return its entity; `node.destroy_subscription(opened.native)` also closes it."""
         opened = GraphEntity(take_back, self._subscription)
         self._subscription.destroy = opened.close
         _let_destroy(self._node, self._subscription)
@@ -288,7 +288,7 @@ class _Topic:
         return self._first is not None or bool(wait_set.is_ready("subscription", self._place))
 
     def warn(self) -> None:
-        """Say what rclpy says of its own subscriptions, if there is something new. Once entered."""
+        """Log new QoS warnings, as rclpy does for its subscriptions. Once entered."""
         status = None if self.event is None else self.event.take_event()
         if status is not None and status.total_count_change > 0:
             policy = qos_policy_name_from_kind(status.last_policy_kind)
@@ -298,7 +298,7 @@ class _Topic:
             )
 
     def take_all(self) -> None:
-        """Deliver what has come."""
+        """Deliver the received messages."""
         if self._first is not None:
             first, self._first = self._first, None
             self._deliver(*first)

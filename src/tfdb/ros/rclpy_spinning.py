@@ -147,7 +147,7 @@ class Spinning(NodeThread):
 
 
 class ContextNode(Protocol):
-    """What ends with a context: a node of ours, and the rclpy node that it was given."""
+    """A node of ours that ends with the context of its rclpy node."""
 
     given: Any
 
@@ -229,7 +229,7 @@ class _Executor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is not t
         return spinning.join(timeout_sec)
 
     def clean_up(self) -> bool:
-        """Do what rclpy's executor does at its end."""
+        """Shut down as rclpy's executor does."""
         with suppress(InvalidHandle):
             return bool(super().shutdown())
         return True

@@ -1,4 +1,4 @@
-"""What lookups return: the real messages where ROS is installed, ours where it is not."""
+"""Message classes of results: real ones if ROS is installed, otherwise ours."""
 
 # ruff: noqa: PLC0415  (ROS may be missing, and takes long to import)
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @cache
 def installed() -> Flavor | None:
-    """Side of ROS whose geometry_msgs can be imported; None: none is there."""
+    """Side of ROS whose geometry_msgs can be imported; None: neither."""
     try:
         from geometry_msgs.msg import TransformStamped
     except ImportError:

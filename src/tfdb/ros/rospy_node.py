@@ -1,4 +1,4 @@
-"""The node of ROS 1 that a process of rospy is: messages go through it as bytes."""
+"""The ROS 1 node of a rospy process, with messages as bytes."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ class RospyNode:
         )
 
     def close(self) -> None:
-        """Take back what was opened here."""
+        """Close the entities that were opened here."""
         with self._lock:
             self._ended = True
             opened = list(self._open)
@@ -195,7 +195,7 @@ class RospyNode:
 
 
 class _NodeEntity:
-    """What was opened in the node. Threads: any."""
+    """An entity that was opened in the node. Threads: any."""
 
     def __init__(
         self,
@@ -205,7 +205,7 @@ class _NodeEntity:
         native: Any = None,
     ) -> None:
         self.ended = ended
-        """Say that the node has ended."""
+        """Called at the end of the node."""
         self.native: Any = native
         """The same in rospy, such as its Subscriber; None: rospy has nothing of the kind."""
         self._node, self._close = node, close
@@ -220,7 +220,7 @@ class _NodeEntity:
 
 
 class _Clock:
-    """Who is to be told when rospy's time is set, or rospy ends. Threads: any."""
+    """Callbacks for a new time of rospy and for its end. Threads: any."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()  # a signal's handler may come amid a call

@@ -40,7 +40,7 @@ METHODS = {
 
 
 class SlaveNode(Protocol):
-    """What the node tells others, and does for them."""
+    """Requests of peers that the node answers."""
 
     def subscriptions(self) -> Mapping[str, str]:
         """Type of each topic that it listens to."""
@@ -52,10 +52,10 @@ class SlaveNode(Protocol):
         """Peer, direction (`i` or `o`) and topic of each connection."""
 
     def publishers_changed(self, topic: str, uris: list[str]) -> None:
-        """The master says who publishes a topic."""
+        """The master reports the publishers of a topic."""
 
     def parameter_changed(self, name: str, value: object) -> None:
-        """The master says that a parameter was set."""
+        """The master reports a new value of a parameter."""
 
     def topic_address(self, topic: str) -> tuple[str, int] | None:
         """Where subscribers of a topic connect to; None if it is not published."""
@@ -108,7 +108,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         loop.watch(self.socket, selectors.EVENT_READ, lambda _: self.handle_request())
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
-        """Log what ended a request, which is the peer's affair."""
+        """Log the error of a request, which concerns the peer only."""
         LOG.debug("XML-RPC request of %s failed", client_address, exc_info=True)
 
     def _dispatch(self, method: str, params: Iterable[Any]) -> list[Any]:
@@ -137,7 +137,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         return [DONE, "", self._node.master_uri()]
 
     def was_answered(self) -> None:
-        """End the node if the request told so: its answer is on the way, and would be lost."""
+        """End the node after a shutdown request, once its answer is sent."""
         reason, self._told_to_end = self._told_to_end, None
         if reason is not None:
             self._node.told_to_end(reason)

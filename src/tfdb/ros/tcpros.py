@@ -156,7 +156,7 @@ class Frames:
             self._begin, self._end = 0, rest
 
     def _move_to(self, size: int) -> None:
-        """Take a buffer of that size, and what is left into it."""
+        """Get a buffer of that size, and move the rest into it."""
         rest = self._buffer[self._begin : self._end]
         self._buffer = bytearray(size)
         self._view = memoryview(self._buffer)

@@ -1,4 +1,4 @@
-"""A node of ROS 1 by the standard library alone: no package of ROS is needed."""
+"""A node of ROS 1 by the standard library, without ROS packages."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ class TcprosNode:
 
     @property
     def closed(self) -> bool:
-        """Whether the node has ended: it was closed, or told to end."""
+        """Whether the node has ended, by `close` or by a request."""
         return bool(self._end)
 
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
@@ -266,7 +266,7 @@ class TcprosNode:
     def _unregister(
         self, subscribed: Iterable[str], advertised: Iterable[str], served: Iterable[str]
     ) -> None:
-        """Tell the master that the node ends; one that is gone needs no telling."""
+        """Unregister from the master, if it still runs."""
         master = self._master
         calls: list[Callable[[], None]] = [
             *(
@@ -324,7 +324,7 @@ class TcprosNode:
         topic.update(uris)
 
     def _accept(self, peer: Peer, fields: dict[str, str]) -> None:
-        """Give a peer that has said what it wants to the topic or service."""
+        """Hand a peer to the topic or service of its header."""
         peer.name = fields.get("callerid", "?")
         with self._lock:
             wanted: AdvertisedTopic | ServedName | None
@@ -400,7 +400,7 @@ class _Subscription:
 
 
 class _ClockListener:
-    """What is called when time is set. Threads: any."""
+    """Callbacks for a new time. Threads: any."""
 
     native = None
 
@@ -457,7 +457,7 @@ class _Service:
 
 
 class _Slave:
-    """What the Slave API asks of a node. Threads: any."""
+    """Answers of the Slave API. Threads: any."""
 
     def __init__(self, node: TcprosNode) -> None:
         self._node = node

@@ -1,4 +1,4 @@
-"""Who connects to a node of ROS 1: subscribers of its topics, clients of its services."""
+"""Peers of a ROS 1 node: subscribers of its topics, clients of its services."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Peer:
         self._on_close: Callable[[Peer], None] | None = None
 
     def begin(self, on_header: Callable[[Peer, dict[str, str]], None]) -> None:
-        """Wait for its header, for some seconds, and give that on."""
+        """Wait some seconds for its header, and pass it on."""
         self._on_frame = lambda data: on_header(self, decode_header(data))
         self._loop.watch(self._connection, selectors.EVENT_READ, self._ready)
         self._loop.later(HANDSHAKE_SECONDS, self._give_up)
@@ -73,7 +73,7 @@ class Peer:
         self.send(None)
 
     def refuse(self, reason: str) -> None:
-        """Say why it is not wanted, as far as that goes at once, and close."""
+        """Send the reason of the refusal, if possible at once, and close."""
         LOG.warning("refused a connection of %s: %s", self.name or "a peer", reason)
         try:
             self._connection.send(encode_header({"error": reason}))
@@ -82,7 +82,7 @@ class Peer:
         self.close()
 
     def send(self, data: bytes | None) -> None:
-        """Send a frame now, or once there is room; None: what waits."""
+        """Send a frame now, or when there is room; None: send the waiting ones."""
         with self._lock:
             if self._closed:
                 return

@@ -1,4 +1,4 @@
-"""A topic that a node of ROS 1 listens to: one connection to each of its publishers."""
+"""A subscription of a ROS 1 node: one connection to each publisher."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEEP_ALIVE = {"TCP_KEEPIDLE": 60, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 9}
 
 
 class _RefusedError(Exception):
-    """A publisher said no, or sends something else; the text says what."""
+    """A publisher refused, or sends another type; the text is the reason."""
 
 
 class Link:
@@ -95,7 +95,7 @@ class Link:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _tell(self, error: Exception) -> None:
-        """Log what ended a connection, each kind once."""
+        """Log the end of a connection, each kind once."""
         if self._closing.is_set():
             return
         kind = f"{type(error).__name__}: {error}"

@@ -1,4 +1,4 @@
-"""Times of any ROS library as integer nanoseconds, and which side of ROS they are from."""
+"""Times of any ROS library as integer nanoseconds, and their side of ROS."""
 
 from __future__ import annotations
 

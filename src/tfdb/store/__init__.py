@@ -1,4 +1,4 @@
-"""What belongs to Buffer and Snapshot in Python: explanations, reports, waits, files."""
+"""Python parts of Buffer and Snapshot: explanations, reports, waits, files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why a lookup has an answer or has none, in words."""
+"""Explanations of lookups, in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What hangs under what: children, descendants, paths between frames."""
+"""Children, descendants and paths between frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frozen stores: one state of a store in a file, which any number of processes map."""
+"""Frozen stores: one state of a store in a file that processes map."""
 
 from __future__ import annotations
 

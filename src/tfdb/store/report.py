@@ -1,4 +1,4 @@
-"""What a transform was made from, edge by edge, and how it prints."""
+"""Reports of transforms, edge by edge, and their printed form."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ def buffer_repr(
     frozen: Frozen | None,
     closed: bool,
 ) -> str:
-    """Write `<tfdb.Buffer at commit 7, history 10 s: ...>`: what it is, and what is in it."""
+    """Write the repr, such as `<tfdb.Buffer at commit 7, history 10 s: ...>`."""
     kept = "unlimited" if history is None else f"{history:g} s"
     engine = "" if concurrency == "snapshot" else f", concurrency {concurrency}"
     file = "" if frozen is None else f", frozen in {frozen.path}"
@@ -202,7 +202,7 @@ def buffer_repr(
 
 
 def _extent(buffer: Buffer) -> str:
-    """Count frames and edges, and say from when to when; nothing where that cannot be asked now."""
+    """Count frames and edges, with the time span; empty if reads are not possible."""
     from .summary import span  # noqa: PLC0415 - it knows this module
 
     try:

@@ -1,4 +1,4 @@
-"""Trajectories out of a store."""
+"""Trajectories from a store."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def sample(
     policy: Policy | None,
     missing: Literal["raise", "nan", "skip"],
 ) -> Samples:
-    """Do what `Buffer.trajectory` says: stamps (N,) and poses (N, 7)."""
+    """Implements `Buffer.trajectory`: stamps (N,) and poses (N, 7)."""
     _check(missing)
     for name, frame in (("target", target), ("source", source)):
         given_name(name, frame)

@@ -1,4 +1,4 @@
-"""Stores that processes share: how they are named, opened, made and removed."""
+"""Shared stores: names, opening, making, removing."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def open_or_make(
     clock: Callable[[], int] | None,
     **made_with: Any,
 ) -> Buffer:
-    """Do what `Buffer.open` says."""
+    """Implements `Buffer.open`."""
     given_word("mode", given_name("mode", mode), ("r", "rw"))
     if create is not None and not isinstance(create, bool):
         raise InvalidArgument(f"create is True, False or None, not {create!r}")
@@ -121,7 +121,7 @@ def open_or_make(
 
 
 def unlink_store(name: Name) -> None:
-    """Do what `Buffer.unlink` says."""
+    """Implements `Buffer.unlink`."""
     unlink_file(path_of(name))
 
 

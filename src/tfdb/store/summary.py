@@ -42,7 +42,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class EdgeSummary:
-    """One edge: what the store says of it, its period and its gaps.
+    """One edge: its FrameInfo, period and gaps.
 
     `period` is the median distance of neighbouring samples in nanoseconds (None with fewer than
     two), `longest` the widest hole, `gaps` those that are longer than the limit.
@@ -92,7 +92,7 @@ def edge_summaries(store: Buffer | Snapshot, max_gap: int | None = None) -> list
 
 @dataclass(frozen=True)
 class Clock:
-    """Moving edges whose stamps belong together: the first and last stamp, and whose they are."""
+    """Moving edges of one clock: the first and last stamp, and their edges."""
 
     start: int
     end: int
@@ -138,7 +138,7 @@ def _spans(info: FrameInfo, store: Buffer | Snapshot) -> Iterator[tuple[int, int
 
 
 def describe_clocks(found: Sequence[Clock]) -> str:
-    """Say what is odd about several clocks in one store, and what to do; empty for one."""
+    """Word the warning for several clocks in one store; empty for one."""
     if len(found) < 2:
         return ""
     text = f"stamps of {len(found)} clocks, more than a year apart: " + "; ".join(map(str, found))
@@ -187,7 +187,7 @@ class Forest:
         self.roots: list[str] = sorted(roots, key=lambda root: (-sizes[root], root))
 
     def walk(self, root: str) -> Iterator[TreeRow]:
-        """Give the frames of one tree, each before its children."""
+        """Yield the frames of one tree, each before its children."""
         stack = [(root, 0, True)]
         while stack:
             name, depth, last = stack.pop()

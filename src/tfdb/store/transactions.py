@@ -1,4 +1,4 @@
-"""Transactions that are tried again until they win."""
+"""Retries of transactions until they commit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 Result = TypeVar("Result")
-"""What the function of `Buffer.run` returns."""
+"""Result of the function of `Buffer.run`."""
 
 LOST_BEFORE_ALONE = 8
 """Number of attempts that may conflict; the next one runs alone and cannot."""
@@ -40,7 +40,7 @@ def run_until_won(
     timeout: float | None,
     priority: int,
 ) -> Result:
-    """Do what `Buffer.run` says."""
+    """Implements `Buffer.run`."""
     if not callable(fn):
         raise TypeError(f"fn must be callable with a transaction, got {type(fn).__name__}")
     most = _count(retries) + 1
@@ -68,7 +68,7 @@ def run_until_won(
 
 
 def commit_of(self: Buffer, write: Callable[[Transaction], None]) -> int:
-    """Do what `write` does as one commit, and return its number."""
+    """Run `write` as one commit, and return its number."""
 
     def attempt(transaction: Transaction) -> Transaction:
         write(transaction)

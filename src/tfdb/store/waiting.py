@@ -53,7 +53,7 @@ LOGGER = logging.getLogger("tfdb")
 
 Loop: TypeAlias = "asyncio.AbstractEventLoop"
 End: TypeAlias = int | MemoryError
-"""How a wait ended: what `Buffer._check_wait` takes, or why that is not known."""
+"""End of a wait: an argument of `Buffer._check_wait`, or an exception."""
 Tell: TypeAlias = "Callable[[End], None]"
 
 
@@ -61,7 +61,7 @@ Result = TypeVar("Result")
 
 
 def _tell_all(ended: Iterable[tuple[Tell, End]]) -> None:
-    """Tell each. What Ctrl-C or an exit raises in the main thread is raised after all are told."""
+    """Report each end. Ctrl-C or an exit in the main thread is raised after all reports."""
     stopped: BaseException | None = None
     for tell, how in ended:
         try:
@@ -110,7 +110,7 @@ class _Teller:
             self.tell(ended)
 
     def tell(self, ended: Mapping[int, End]) -> None:
-        """Tell how waits ended: each in its loop, or in this thread."""
+        """Report the ends of waits, each in its loop or in this thread."""
         told: defaultdict[Loop | None, list[tuple[Tell, End]]] = defaultdict(list)
         for number, how in ended.items():
             with _lock:
@@ -145,7 +145,7 @@ def write(buffer: Buffer, store: Callable[[], Result]) -> Result:
 
 
 class Wait:
-    """A wait that was begun, and ends once: told, or cancelled. Any thread may cancel it."""
+    """A started wait, which ends once: reported or cancelled. Any thread may cancel it."""
 
     def __init__(self, teller: _Teller, number: int) -> None:
         self._teller = teller
@@ -191,7 +191,7 @@ os.register_at_fork(after_in_child=_forget_parent)
 
 
 async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) -> int:
-    """Say how a wait ended that `ask` begins, by the loop's clock."""
+    """Return the end of a wait that `ask` starts, by the loop's clock."""
     import asyncio  # noqa: PLC0415 - it takes as long as all of tfdb
 
     loop = asyncio.get_running_loop()
@@ -218,7 +218,7 @@ async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) ->
 
 
 def check(buffer: Buffer, how: End) -> int:
-    """Raise what ended a wait, if it was not its answer; else give the newest commit."""
+    """Raise the error of a wait, or return the newest commit."""
     if isinstance(how, MemoryError):
         raise how
     return buffer._check_wait(how)
@@ -235,7 +235,7 @@ def _until(limit: int | None) -> float | None:
 
 
 def how_long(waited: int, *, stopped: bool) -> str:
-    """Say how many nanoseconds a wait lasted, and whether its node's end ended it."""
+    """Word the length of a wait in nanoseconds, and an end by its node."""
     return f"waited {waited / 1e9:.3f} s" + (", then its node was shut down" if stopped else "")
 
 
@@ -262,7 +262,7 @@ async def transform(
     timeout: float | None,
     policy: Policy | None,
 ) -> Transform:
-    """Do what `Buffer.wait_for_transform_async` says."""
+    """Implements `Buffer.wait_for_transform_async`."""
     limit = _limit(timeout)
     until = _until(limit)
     began = time.monotonic_ns()
@@ -284,7 +284,7 @@ async def commit(
     after: int,
     timeout: float | None,
 ) -> int:
-    """Do what `Buffer.wait_for_commit_async` says."""
+    """Implements `Buffer.wait_for_commit_async`."""
     limit = _limit(timeout)
     began = time.monotonic_ns()
     how = await _ended(buffer, lambda: buffer._begin_wait_for_commit(after), _until(limit))

@@ -35,7 +35,7 @@ def quoted(name: str) -> str:
 
 
 def in_dot(*lines: str) -> str:
-    """Write a name, or lines, as a string of DOT, which shows by its number what YAML escapes."""
+    """Write a name, or lines, as a DOT string, with the escapes of YAML."""
     shown = (ESCAPED.sub(_escape, line) for line in lines)
     return '"' + "\\n".join(x.replace("\\", "\\\\").replace('"', '\\"') for x in shown) + '"'
 

@@ -126,7 +126,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     def _lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any
     ) -> Any:
-        """`lookup_transform`, whatever is asked."""
+        """`lookup_transform` for all arguments."""
         limit = self._limit(timeout)
         question = self._question(target_frame, source_frame, time)
         return self._wait_for_answer(
@@ -155,7 +155,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     def _can_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any, return_debug_tuple: Any
     ) -> Any:
-        """`can_transform`, whatever is asked."""
+        """`can_transform` for all arguments."""
         limit = self._limit(timeout)
         question = self._question(target_frame, source_frame, time)
         found = self._wait_until_possible(
@@ -314,7 +314,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         return duration(timeout, self._flavor, "timeout")
 
     def _deadline(self, limit: int) -> Deadline:
-        """Give the deadline in so many nanoseconds: by the wall clock in ROS 2, as upstream."""
+        """Return the deadline after `limit` nanoseconds; ROS 2 uses wall time, as upstream."""
         return deadline_in(limit, self.clock if self.flavor == "ros1" else None)
 
     def _wait_for_answer(
@@ -335,7 +335,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     def _wait_until_possible(
         self, ask: Callable[[], tuple[int, str]], question: Question | Full, limit: int
     ) -> tuple[int, str]:
-        """Ask until the answer is yes; what it is once the limit is over."""
+        """Ask until the answer is yes or the limit is over."""
         found = ask()
         if limit <= 0 or not _may_come(question):
             return found

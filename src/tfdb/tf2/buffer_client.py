@@ -78,7 +78,7 @@ class BufferClient(BufferInterface):
         """The node of rclpy or `tfdb.ros` that it asks from."""
         padding = arguments.get("timeout_padding")
         self.timeout_padding = padding
-        """What it was given for that."""
+        """Its arguments for that."""
         self._padding = PADDING if padding is None else duration(padding, None, "timeout_padding")
         if arguments.get("check_frequency") is not None and self._node.flavor == "ros1":
             LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
@@ -200,7 +200,7 @@ class BufferClient(BufferInterface):
         return 0 if timeout is None else duration(timeout, self._node.flavor, "timeout")
 
     def _deadline(self, limit: int) -> Deadline:
-        """Give the deadline in so many nanoseconds: by the wall clock in ROS 2, as upstream."""
+        """Return the deadline after `limit` nanoseconds; ROS 2 uses wall time, as upstream."""
         return deadline_in(limit, self._node if self._node.flavor == "ros1" else None)
 
     def _ask(self, goal: LookupGoal) -> Any:
@@ -237,7 +237,7 @@ class BufferClient(BufferInterface):
 
 
 def _arguments(given: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:
-    """Give the arguments of a client by name. Raises TypeError."""
+    """Return the arguments of a client by name. Raises TypeError."""
     unknown = [name for name in named if name not in PARAMETERS]
     twice = [name for name in PARAMETERS[: len(given)] if name in named]
     if unknown:

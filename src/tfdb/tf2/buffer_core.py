@@ -47,7 +47,7 @@ Velocity = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def _by_role(target: str, source: str, fixed: str | None = None) -> dict[str, str]:
-    """Frame names by tf2's words for what they are asked as, in the order of their checks."""
+    """Frame names by tf2's words for their roles, in the order of the checks."""
     names = {"target_frame": target, "source_frame": source}
     if fixed is not None:
         names["fixed_frame"] = fixed
@@ -119,7 +119,7 @@ class BufferCore(CoreCalls):
         return self._flavor or installed() or "ros2"
 
     def _nanoseconds(self, time: Any) -> int:
-        """Nanoseconds of an argument, from which the flavor is found if it is not known yet."""
+        """Nanoseconds of a time argument, which sets a flavor that is still unknown."""
         if not self._flavor_known:
             self._set_flavor(self._flavor or flavor_of(time))
         return nanoseconds(time, self._flavor)
@@ -144,7 +144,7 @@ class BufferCore(CoreCalls):
         return target, target_stamp, source, self._nanoseconds(source_time), fixed_frame
 
     def _set_flavor(self, flavor: Flavor | None) -> None:
-        """Let the native calls answer what is plain, by the flavor if that is known."""
+        """Set the flavor, and let native calls answer plain lookups."""
         self._flavor = flavor
         self._flavor_known = flavor is not None
         self._answer_by(
@@ -246,7 +246,7 @@ class BufferCore(CoreCalls):
     # Lookups
 
     def _lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
-        """`lookup_transform_core`, whatever is asked."""
+        """`lookup_transform_core` for all arguments."""
         question = self._question(target_frame, source_frame, time)
         try:
             found = self._buffer.lookup_transform(target_frame, source_frame, question[2] or None)
@@ -291,7 +291,7 @@ class BufferCore(CoreCalls):
     def _can_transform_core(
         self, target_frame: str, source_frame: str, time: Any
     ) -> tuple[int, str]:
-        """`can_transform_core`, whatever is asked."""
+        """`can_transform_core` for all arguments."""
         _, _, stamp = self._question(target_frame, source_frame, time)
         if 0 <= stamp <= LAST_STAMP and self._buffer.can_transform(
             target_frame, source_frame, stamp or None
@@ -459,7 +459,7 @@ class BufferCore(CoreCalls):
     # Texts for a missing answer
 
     def _why_not(self, target: str, source: str, stamp: int) -> tuple[int, str]:
-        """What `can_transform_core` returns where the store has no answer."""
+        """The result of `can_transform_core` for a failed lookup."""
         question = target, source, stamp
         failure = lookup_failure(self._buffer, target, source, stamp)
         if failure is None:
@@ -493,7 +493,7 @@ class BufferCore(CoreCalls):
         return refusals.reason(failure, self.flavor, target, source)
 
     def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
-        """Give an answer that the store lacked, or has by now; else raise tf2's error."""
+        """Return a transform that is available by now, or raise tf2's error."""
         target, source, _ = question
         failure = lookup_failure(self._buffer, *question)
         if failure is not None:
@@ -522,7 +522,7 @@ class BufferCore(CoreCalls):
     def _name_fault(
         self, snapshot: Snapshot, names: dict[str, str], function: str
     ) -> tuple[str, str] | None:
-        """Tell the first of some names, by role, that names no frame, and what tf2 says of it."""
+        """Return the first name without a frame, by role, and tf2's text for it."""
         _check_text(names)
         for role, name in names.items():
             if not name or name.startswith("/"):

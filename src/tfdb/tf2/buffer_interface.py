@@ -47,7 +47,7 @@ class NotImplementedException(TransformException, NotImplementedError):  # noqa:
 
 
 def _registered(functions: dict[Any, Callable[..., Any]], key: Any) -> Callable[..., Any]:
-    """Find what is registered for a type, a base or its message's name; or TypeException."""
+    """Find the function for a type, its bases or its message's name; or TypeException."""
     for kind in key.__mro__ if isinstance(key, type) else (key,):
         found = functions.get(kind)
         if found is None and isinstance(kind, type):
@@ -82,7 +82,7 @@ class TransformRegistration:
         self._functions[key] = _callable(callback)
 
     def get(self, key: type) -> Callable[[Any, Any], Any]:
-        """Give the function of a type; raise TypeException if it is missing."""
+        """Return the function of a type; raise TypeException if it is missing."""
         return _registered(self._functions, key)
 
 
@@ -106,15 +106,15 @@ class ConvertRegistration:
         self._convert[key] = _callable(callback)
 
     def get_from_msg(self, key: type) -> Callable[[Any], Any]:
-        """Give the function that makes objects of a type; raise TypeException if it is missing."""
+        """Return the function that makes objects; raise TypeException if it is missing."""
         return _registered(self._from_msg, key)
 
     def get_to_msg(self, key: type) -> Callable[[Any], Any]:
-        """Give the function that makes messages of a type; raise TypeException if it is missing."""
+        """Return the function that makes messages; raise TypeException if it is missing."""
         return _registered(self._to_msg, key)
 
     def get_convert(self, key: tuple[type, type]) -> Callable[[Any], Any]:
-        """Give the function from one type to another; raise TypeException if it is missing."""
+        """Return the function between two types; raise TypeException if it is missing."""
         return _registered(self._convert, key)
 
 

@@ -124,7 +124,7 @@ class BufferServer:
         future.add_done_callback(lambda ended: self._finish(goal, ended))
 
     def _finish(self, goal: Goal, ended: Any) -> None:
-        """Answer a goal whose wait is over, by a transform, a timeout or an error."""
+        """Answer a goal after its wait, by a transform, a timeout or an error."""
         if not ended.cancelled():
             ended.exception()  # rclpy prints exceptions that are never retrieved
         with self._lock:

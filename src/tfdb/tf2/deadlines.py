@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 __all__ = ["Deadline", "deadline_in", "stop_with", "wait_until"]
 
 JUMP = 3 * SECOND
-"""As tf2: who waits gives up when simulated time goes back by more, for a bag begins anew."""
+"""As tf2: a wait ends if simulated time jumps back by more, as at a restart of a bag."""
 
 
 class Timer(Protocol):
-    """What was asked of a deadline."""
+    """A pending call of a deadline."""
 
     def cancel(self) -> None:
         """Call no more."""
@@ -35,7 +35,7 @@ class Deadline(Protocol):
     """A time on some clock. Any thread may call it."""
 
     def left(self) -> int | None:
-        """Nanoseconds until then, 0 if it has passed; None: only the clock can tell."""
+        """Nanoseconds until then, 0 if it has passed; None: by the clock only."""
 
     def call(self, called: Callable[[], None]) -> Timer:
         """Call once, in another thread, when it has come."""
@@ -120,7 +120,7 @@ _buffers: weakref.WeakKeyDictionary[Node, weakref.WeakSet[Buffer]] = weakref.Wea
 
 
 def deadline_in(limit: int, clock: Node | None) -> Deadline:
-    """Give the deadline in so many nanoseconds, by a node's clock; None: by the system's."""
+    """Return the deadline after some nanoseconds, by a node's clock or the system's."""
     if clock is not None and clock.simulated:
         return _SimulatedDeadline(clock, limit)
     return _WallDeadline(limit)

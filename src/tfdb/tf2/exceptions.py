@@ -63,7 +63,7 @@ class InvalidArgumentException(TransformException, InvalidArgument):
 
 
 class TimeoutException(TransformException, WaitTimeout):
-    """What was waited for has not come in time."""
+    """The timeout passed without the transform."""
 
 
 def with_fields_of(

@@ -286,7 +286,7 @@ def import_all(statements: str) -> tuple[dict[str, Any], dict[str, str]]:
 
 
 def find_export(name: str) -> Any:
-    """Return what `tf2_ros` exports under a name, of another package; AttributeError."""
+    """Return an export of `tf2_ros` from another package; AttributeError."""
     flavor = installed()
     if flavor is None:
         for stand_in in (stand_ins, msgs):
@@ -303,7 +303,7 @@ def find_export(name: str) -> Any:
 
 
 def _imports(statements: str) -> Iterator[tuple[str, str, Callable[[], dict[str, Any]]]]:
-    """Module, name, and what imports it, of each name in import statements."""
+    """Module, name and importing statement of each imported name."""
     for each in ast.parse(statements).body:
         if isinstance(each, ast.ImportFrom):
             source = each.module or ""

@@ -28,7 +28,7 @@ NOT_DONE = (
 
 
 class _Awaited:
-    """What coroutines await in a loop of asyncio, in an executor of rclpy, or in none."""
+    """Awaitable in a loop of asyncio, in an executor of rclpy, or in neither."""
 
     def __await__(self: Any) -> Generator[Any, None, Any]:
         try:
@@ -76,17 +76,17 @@ class _ThreadsFuture(_Awaited, concurrent.futures.Future[Any]):
             raise concurrent.futures.InvalidStateError(NOT_DONE)
 
     def result(self, timeout: float | None = None) -> Any:
-        """Give the transform, or raise what ended the wait; seconds to wait for that at most."""
+        """Return the transform or raise the error of the wait, within some seconds."""
         self._check_may_wait(timeout)
         return super().result(timeout)
 
     def exception(self, timeout: float | None = None) -> BaseException | None:
-        """Give what ended the wait, None if the transform came; seconds to wait at most."""
+        """Return the error of the wait, or None, within some seconds."""
         self._check_may_wait(timeout)
         return super().exception(timeout)
 
     def cancel(self) -> bool:
-        """End it, and what it waits for."""
+        """End the future and its wait."""
         with _cancelling:
             before = self.cancelled()
             cancelled = super().cancel()
@@ -104,7 +104,7 @@ class _LoopFuture(asyncio.Future[Any]):
         self._tell_cancelled = cancelled
 
     def cancel(self, msg: Any = None) -> bool:
-        """End it, and what it waits for."""
+        """End the future and its wait."""
         cancelled = super().cancel(msg)
         if cancelled:
             self._tell_cancelled()
@@ -113,7 +113,7 @@ class _LoopFuture(asyncio.Future[Any]):
 
 @cache
 def _rclpys_future(base: Any) -> Any:
-    """Make the class of futures that are `rclpy.task.Future`, and end what they wait for."""
+    """Make the subclass of `rclpy.task.Future` that ends its wait."""
 
     class RclpyFuture(_Awaited, base):  # type: ignore[misc]
         """A future of rclpy. Any thread may complete or cancel it; the first to do so wins."""
@@ -128,13 +128,13 @@ def _rclpys_future(base: Any) -> Any:
             return not self.done() and self._end.acquire(blocking=False)
 
         def complete(self, result: Any) -> None:
-            """Give it its result, or its exception, unless it has ended."""
+            """Set its result or exception unless it has ended."""
             if self._is_first():
                 give = self.set_exception if isinstance(result, Exception) else self.set_result
                 give(result)
 
         def cancel(self) -> None:
-            """End it, and what it waits for."""
+            """End the future and its wait."""
             if self._is_first():
                 super().cancel()
                 self._tell_cancelled()
@@ -175,7 +175,7 @@ def future_here(
 
 
 def complete(future: Any, result: Any) -> None:
-    """Give a future its result, or its exception, unless it has ended."""
+    """Set the result or exception of a future unless it has ended."""
     if hasattr(future, "complete"):
         future.complete(result)
         return

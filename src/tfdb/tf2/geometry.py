@@ -291,7 +291,7 @@ def transform_to_kdl(t: Any) -> Any:
 
 
 def to_msg_msg(msg: Any) -> Any:
-    """Give a message as a message: itself."""
+    """Return the message itself."""
     return msg
 
 
@@ -310,7 +310,7 @@ def transform_to_msg(transform: _core.Transform) -> Any:
 
 
 def transform_from_msg(message: Any) -> _core.Transform:
-    """Make a `tfdb.Transform` of a TransformStamped; raises what its constructor raises."""
+    """Make a `tfdb.Transform` of a TransformStamped; raises the errors of its constructor."""
     what = "a TransformStamped"
     refuse_unlike(message, "message", what, "header", "child_frame_id", "transform")
     header, inside = message.header, message.transform

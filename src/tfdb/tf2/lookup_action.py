@@ -126,7 +126,7 @@ class Goal(Protocol):
         """Send its result, which may be an error."""
 
     def cancel(self) -> None:
-        """Say that it was cancelled."""
+        """Report the cancellation."""
 
 
 class ServerTransport(Protocol):
@@ -169,7 +169,7 @@ class ClientTransport(Protocol):
 
 
 def server_in(node: Node, ns: str) -> ServerTransport:
-    """Give what takes goals of an action in a node."""
+    """Return the server transport of an action in a node."""
     if node.flavor == "ros1":
         from .ros1_action import Ros1Server
 
@@ -180,7 +180,7 @@ def server_in(node: Node, ns: str) -> ServerTransport:
 
 
 def client_in(node: Node, ns: str) -> ClientTransport:
-    """Give what sends goals of an action from a node."""
+    """Return the client transport of an action in a node."""
     if node.flavor == "ros1":
         from .ros1_action import Ros1Client
 

@@ -19,7 +19,7 @@ class Gap(NamedTuple):
     edge: str
     """Its child."""
     stamp: int
-    """The stamp that was asked for."""
+    """The requested stamp."""
     oldest: int | None
     """Its first stamp; None: it has been cleared."""
     newest: int | None

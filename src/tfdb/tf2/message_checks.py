@@ -1,4 +1,4 @@
-"""Messages that callers give: an object without a message's members is refused by its name."""
+"""Checks of message arguments: errors name the argument."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def bad_name(flavor: Flavor, function: str, role: str, name: str) -> str:
 
 
 def unknown(flavor: Flavor, function: str, role: str, name: str) -> str:
-    """What is said of a name that no frame has."""
+    """Text for a name without a frame."""
     if function == "canTransform":
         if flavor == "ros2":
             return (
@@ -51,7 +51,7 @@ def unknown(flavor: Flavor, function: str, role: str, name: str) -> str:
 
 
 def two_trees(target: str, source: str) -> str:
-    """What is said where no path joins two frames."""
+    """Text for two frames without a path."""
     return (
         f"Could not find a connection between '{target}' and '{source}' because they are not part "
         "of the same tree.Tf has two or more unconnected trees."
@@ -61,7 +61,7 @@ def two_trees(target: str, source: str) -> str:
 def extrapolation(
     flavor: Flavor, stamp: int, oldest: int | None, newest: int | None, target: str, source: str
 ) -> str:
-    """What is said where an edge has data from `oldest` to `newest`, and none at `stamp`."""
+    """Text for an edge with data from `oldest` to `newest`, and none at `stamp`."""
     digits = 9 if flavor == "ros1" else 6
     asked = seconds(stamp, digits)
     if oldest is None or newest is None:
@@ -88,7 +88,7 @@ def extrapolation(
 
 
 def self_transform(authority: str, frame: str) -> str:
-    """What is logged of a frame that is its own parent."""
+    """Log text for a frame that is its own parent."""
     return (
         f'TF_SELF_TRANSFORM: Ignoring transform from authority "{authority}" with frame_id and '
         f'child_frame_id  "{frame}" because they are the same'
@@ -96,7 +96,7 @@ def self_transform(authority: str, frame: str) -> str:
 
 
 def no_child(authority: str) -> str:
-    """What is logged of a transform without a child."""
+    """Log text for a transform without a child."""
     return (
         f'TF_NO_CHILD_FRAME_ID: Ignoring transform from authority "{authority}" because '
         "child_frame_id not set "
@@ -104,7 +104,7 @@ def no_child(authority: str) -> str:
 
 
 def no_parent(authority: str, child: str) -> str:
-    """What is logged of a transform without a parent."""
+    """Log text for a transform without a parent."""
     return (
         f'TF_NO_FRAME_ID: Ignoring transform with child_frame_id "{child}"  from authority '
         f'"{authority}" because frame_id not set'
@@ -112,7 +112,7 @@ def no_parent(authority: str, child: str) -> str:
 
 
 def no_number(authority: str, child: str, translation: Any, rotation: Any) -> str:
-    """What is logged of numbers that are not finite; tf2 does so of NaN only."""
+    """Log text for numbers that are not finite; tf2 logs NaN only."""
     t, q = translation, rotation
     return (
         f'TF_NAN_INPUT: Ignoring transform for child_frame_id "{child}" from authority '
@@ -122,7 +122,7 @@ def no_number(authority: str, child: str, translation: Any, rotation: Any) -> st
 
 
 def denormalized(authority: str, child: str, rotation: Any) -> str:
-    """What is logged of a quaternion that has not the length one."""
+    """Log text for a quaternion without unit length."""
     q = rotation
     return (
         f'TF_DENORMALIZED_QUATERNION: Ignoring transform for child_frame_id "{child}" from '
@@ -132,7 +132,7 @@ def denormalized(authority: str, child: str, rotation: Any) -> str:
 
 
 def normalized(authority: str, child: str, rotation: Any, length: float) -> str:
-    """What is logged, once for each edge, of a quaternion that was given the length one."""
+    """Log text for a normalised quaternion, once for each edge."""
     q = rotation
     return (
         f'TF_DENORMALIZED_QUATERNION: The quaternion of child_frame_id "{child}" from authority '
@@ -142,7 +142,7 @@ def normalized(authority: str, child: str, rotation: Any, length: float) -> str:
 
 
 def old_data(flavor: Flavor, authority: str, child: str, stamp: int) -> str:
-    """What is logged of a sample that is older than the cache is long."""
+    """Log text for a sample older than the cache."""
     when = seconds(stamp, 6)
     if flavor == "ros1":
         return (
@@ -156,7 +156,7 @@ def old_data(flavor: Flavor, authority: str, child: str, stamp: int) -> str:
 
 
 def repeated_data(authority: str, child: str, stamp: int) -> str:
-    """What ROS 1 logs of a stamp that the edge has already."""
+    """Log text of ROS 1 for a repeated stamp."""
     return (
         f"TF_REPEATED_DATA ignoring data with redundant timestamp for frame {child} at time "
         f"{seconds(stamp, 6)} according to authority {authority}"
@@ -164,7 +164,7 @@ def repeated_data(authority: str, child: str, stamp: int) -> str:
 
 
 def loop(authority: str, parent: str, child: str) -> str:
-    """What is logged of a transform that would close a loop; tf2 stores it."""
+    """Log text for a transform that would close a loop; tf2 stores it."""
     return (
         f'TF_LOOP: Ignoring transform from authority "{authority}" with frame_id "{parent}" and '
         f'child_frame_id "{child}" because they would close a loop'
@@ -172,7 +172,7 @@ def loop(authority: str, parent: str, child: str) -> str:
 
 
 def future_data(authority: str, child: str, newest: int, ahead: int) -> str:
-    """What is logged where one stamp makes all right data of a frame too old; tf2 says nothing."""
+    """Log text for a stamp that makes all valid data of a frame too old; not in tf2."""
     return (
         f'TF_FUTURE_DATA: the newest transform of child_frame_id "{child}", from authority '
         f'"{authority}", has the time {seconds(newest, 6)}, {seconds(ahead, 6)} s ahead of this '
@@ -181,7 +181,7 @@ def future_data(authority: str, child: str, newest: int, ahead: int) -> str:
 
 
 def bad_stamp(authority: str, child: str, stamp: int) -> str:
-    """What is logged of a stamp that no store takes; ROS 2's tf2 stores it."""
+    """Log text for an invalid stamp; ROS 2's tf2 stores it."""
     return (
         f'TF_BAD_STAMP: Ignoring transform for child_frame_id "{child}" from authority '
         f'"{authority}" because its time {seconds(stamp, 9)} is negative or too large'
@@ -189,7 +189,7 @@ def bad_stamp(authority: str, child: str, stamp: int) -> str:
 
 
 def bad_frame(authority: str, parent: str, child: str) -> str:
-    """What is logged of a name that no store takes; tf2 stores it."""
+    """Log text for an invalid name; tf2 stores it."""
     return (
         f"TF_BAD_FRAME_ID: Ignoring transform with frame_id {parent!r} and child_frame_id "
         f'{child!r} from authority "{authority}" because of control characters or its length'

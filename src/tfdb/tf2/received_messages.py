@@ -1,4 +1,4 @@
-"""What arrives on /tf and /tf_static: bytes, one message one commit, by the rules of its side."""
+"""Stores messages of /tf and /tf_static: bytes, one commit each, by their side's rules."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ LOGGER = logging.getLogger("tfdb.tf2")
 Sink: TypeAlias = "Callable[[bytes | memoryview, str], int]"
 """Takes a serialized TFMessage and its authority. Raises CorruptMessage."""
 SETTERS = ("set_transform", "set_transform_static")
-"""What a buffer has that transforms are stored in."""
+"""Methods of a buffer that store transforms."""
 UNKNOWN = "default_authority"
-"""Authority of a message whose publisher is not known."""
+"""Authority of a message with an unknown publisher."""
 AHEAD = 60 * SECOND
 """A stamp that is so far ahead of the node's clock was never meant."""
 
@@ -132,7 +132,7 @@ class BufferWriter:
     def _say_refused(
         self, data: bytes | memoryview, refused: Sequence[Refused], authority: str
     ) -> int:
-        """Log in tf2's words what was refused; returns how many transforms are not stored."""
+        """Log refused transforms in tf2's words; returns the number of lost ones."""
         transforms = [*decoded(data, self._node.encoding, authority, static=self._static)]
         lost = 0
         for member in refused:
@@ -148,7 +148,7 @@ class BufferWriter:
         return lost
 
     def _look_ahead(self, child: str) -> None:
-        """Say whose stamp, far in the future, made the right ones of an edge too old."""
+        """Log the publisher of a stamp in the future that makes valid ones too old."""
         info = self._core.buffer.frame_info(child.removeprefix("/"))
         ahead = (info.newest or 0) - self._node.now()
         if ahead < AHEAD or info.newest is None or (child, info.newest) in self._ahead:

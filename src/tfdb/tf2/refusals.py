@@ -1,4 +1,4 @@
-"""What tf2 says where tfdb refused: writes and lookups."""
+"""tf2's errors for writes and lookups that tfdb refuses."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Write:
         return math.hypot(turn.x, turn.y, turn.z, turn.w)
 
     def normalized(self) -> Self | None:
-        """Give it a quaternion of length one; None: it has one, or none can be made."""
+        """Normalise its quaternion; None: it has unit length, or cannot be normalised."""
         turn, length = self.rotation, self.length
         if not 0 < length < math.inf or abs(length - 1) < ROUNDING:
             return None
@@ -103,7 +103,7 @@ class Write:
 
 
 def phrase(write: Write, error: errors.TfdbError, flavor: Flavor) -> str | None:
-    """Say in tf2's words why a write was refused, in tf2's order; None: it was another failure."""
+    """Word as tf2 does why a write was refused, in tf2's order; None: another failure."""
     who, child = write.authority, write.child
     match error:
         case errors.InvalidTransform() | errors.InvalidName() | errors.InvalidStamp():
@@ -131,7 +131,7 @@ def phrase(write: Write, error: errors.TfdbError, flavor: Flavor) -> str | None:
 
 
 def log(text: str, error: errors.TfdbError) -> None:
-    """Log what was refused; the record's `error` is tfdb's, with its fields."""
+    """Log a refusal; the record's `error` is tfdb's, with its fields."""
     LOGGER.warning("%s", text, extra={"error": error})
 
 

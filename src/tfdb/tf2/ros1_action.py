@@ -75,7 +75,7 @@ class _ServerGoal:
         self._server.end(self, SUCCEEDED, result)
 
     def cancel(self) -> None:
-        """Say that it was cancelled."""
+        """Report the cancellation."""
         self._server.end(self, PREEMPTED, LookupResult())
 
 
@@ -210,7 +210,7 @@ class _SentGoal:
         self._client, self._goal_id = client, goal_id
 
     def forget(self) -> None:
-        """Wait for its result no more, and tell the server."""
+        """Stop waiting for its result, and cancel it at the server."""
         self._client.forget(self._goal_id)
 
 
@@ -256,7 +256,7 @@ class Ros1Client:
         return _SentGoal(self, goal_id)
 
     def forget(self, goal_id: GoalId) -> None:
-        """Wait for the result of a goal no more, and tell the server."""
+        """Stop waiting for a goal's result, and cancel it at the server."""
         with self._changed:
             waited = self._waiting.pop(goal_id.id, None)
         if waited is not None and not self._node.closed:

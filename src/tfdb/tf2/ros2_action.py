@@ -53,7 +53,7 @@ class _ServerGoal:
         self._end(self._handle.succeed, result)
 
     def cancel(self) -> None:
-        """Say that it was cancelled."""
+        """Report the cancellation."""
         error = TimeoutException(CANCELLED)
         self._end(self._handle.canceled, LookupResult(None, code_of(error), CANCELLED))
 
@@ -66,7 +66,7 @@ class _ServerGoal:
             self._handle.execute()
 
     def execute(self) -> Any:
-        """Say how it ended."""
+        """Report its end."""
         self._change_state()
         return _message_of(self._result)
 

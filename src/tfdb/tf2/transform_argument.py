@@ -29,7 +29,7 @@ def rigid(transform: Any) -> _core.Transform:
 
 
 def fill_result_header(made: Any, given: Any, transform: Any) -> None:
-    """Give a result its header: the transform's, or if that has none the given message's."""
+    """Set a result's header: the transform's, or else the message's."""
     if isinstance(transform, _core.Transform):
         made.header.frame_id = transform.target
         fill_stamp(made.header, transform.stamp)

@@ -73,7 +73,7 @@ class TransformListener:
     tf_static_sub: Any
     """The same of the static ones."""
     group: Any
-    """In a node of rclpy: a callback group whose callbacks may run at the same time."""
+    """In a node of rclpy: a reentrant callback group."""
     executor: Any
     """With `spin_thread`: the executor of rclpy; its `shutdown` ends listening."""
     dedicated_listener_thread: threading.Thread
@@ -134,7 +134,7 @@ class TransformListener:
             self._be_of_rclpy(listening, spin_thread=spin_thread)
 
     def __new__(cls, *_: Any, **__: Any) -> Self:
-        """Make what the methods need, also where a subclass leaves `__init__` out."""
+        """Set the attributes, even if a subclass omits `__init__`."""
         made = super().__new__(cls)
         made.corrupt = Counter()
         made.refused = Counter()
@@ -197,7 +197,7 @@ class TransformListener:
                     self.node.destroy_subscription(subscription)
 
     def _be_of_rclpy(self, node: Any, *, spin_thread: bool) -> None:
-        """Have what tf2's listener has in a node of rclpy."""
+        """Set the attributes of tf2's listener in a node of rclpy."""
         self.group = new_group()
         if spin_thread:
             self._spinning = node.spin(self._stop)
@@ -205,7 +205,7 @@ class TransformListener:
             self.dedicated_listener_thread = self._spinning.thread
 
     def _taker(self, node: Node, topic: str, *, static: bool) -> Any:
-        """Make what takes the messages of a topic."""
+        """Return the function that receives the messages of a topic."""
         called = self.static_callback if static else self.callback
         function = getattr(called, "__func__", None)
         overridden = getattr(function, "__wrapped__", function) not in PLAIN
@@ -244,7 +244,7 @@ class TransformListener:
 
 
 PLAIN = (TransformListener.callback, TransformListener.static_callback)
-"""What need not be called: the store takes the bytes."""
+"""Callbacks that are not needed: the store decodes the bytes."""
 
 
 class StaticTransformListener(TransformListener):

@@ -21,7 +21,7 @@ __all__ = ["NEVER", "TransformableRequests", "TransformableResult"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
 NEVER = 2**64 - 1
-"""Handle of a request whose time is out of the cache."""
+"""Handle of a request with a time out of the cache."""
 
 
 class TransformableResult(enum.Enum):
@@ -59,7 +59,7 @@ class TransformableRequests:
         frames: tuple[str, str],
         time: Any,
     ) -> int:
-        """Do what `Buffer.add_transformable_request` says."""
+        """Implements `Buffer.add_transformable_request`."""
         stamp = self._buffer._nanoseconds(time)
         handle = next(self._handles)
         request = _Request(callback, frames, time)
@@ -100,7 +100,7 @@ class TransformableRequests:
         return request
 
     def call(self, function: Callable[..., object], *arguments: Any) -> None:
-        """Call a function in the thread for it; what it raises is logged."""
+        """Call a function in its thread; exceptions are logged."""
         with self._lock:
             if self._caller is None:
                 self._caller = ThreadPoolExecutor(1, thread_name_prefix="tfdb callbacks")

@@ -12,7 +12,7 @@ __all__: list[str] = []
 
 
 def _number(value: float) -> float:
-    """Return what is a number as a float, NaN for all else."""
+    """Return a number as a float, and NaN for other types."""
     if isinstance(value, bool | str | bytes | bytearray):
         return math.nan
     try:

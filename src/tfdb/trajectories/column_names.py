@@ -39,7 +39,7 @@ _METRES = frozenset(("", "m", "meter", "meters", "metre", "metres", "-", "1"))
 
 
 class NamesError(ValueError):
-    """Names that do not say where stamp and pose stand; its text is the reason."""
+    """Names that do not identify stamp and pose; the text is the reason."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PoseColumns:
 
 @dataclass(frozen=True)
 class _Name:
-    """One name in words: what it is called, and the unit behind it in brackets."""
+    """The words of a name, and the unit in brackets after it."""
 
     raw: str
     words: Words
@@ -113,7 +113,7 @@ def _read(name: str) -> _Name:
 def _parts(
     names: Sequence[_Name], kinds: frozenset[str], fused: re.Pattern[str]
 ) -> dict[Words, dict[str, int]]:
-    """The places of x, y, z (and w) by what stands before, such as `pose`, `position`."""
+    """The places of x, y, z (and w) by their prefix, such as `pose`, `position`."""
     found: dict[Words, dict[str, int]] = defaultdict(dict)
     for place, name in enumerate(names):
         if not name.words:

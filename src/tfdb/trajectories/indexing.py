@@ -1,4 +1,4 @@
-"""Rows of a trajectory: what `trajectory[rows]` takes."""
+"""Rows of a trajectory: arguments of `trajectory[rows]`."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def _is_number(field: str) -> bool:
 
 
 def separator_of(line: str) -> str | None:
-    """What stands between the columns; None for blanks."""
+    """Separator of the columns; None for blanks."""
     for separator in (";", ","):
         if separator in line:
             return separator

@@ -61,7 +61,7 @@ class TrajectoryRows:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """The skipped rows, as what salvaging could not save of other recordings."""
+        """The skipped rows, as losses of a salvaged recording."""
         if not self.skipped:
             return ()
         more = f", and {self.skipped - 1:,} more rows" if self.skipped > 1 else ""
@@ -84,7 +84,7 @@ class TrajectoryRows:
         return ", ".join(parts)
 
     def complaints(self) -> Iterator[str]:
-        """What is worth a warning, each with the name of the file."""
+        """Texts of warnings, each with the name of the file."""
         if self.repeated or self.moved or self.normalised or self.skipped:
             yield f"{self.path}: {self.summary}"
         for note in self.notes:

@@ -30,7 +30,7 @@ Poses: TypeAlias = npt.NDArray[np.float64]
 MAX_MENDED = 0.1
 """Of a quaternion's squared length: nearer to 1, it is digits that are missing."""
 _NOTHING = ("", "nan")
-"""What a CSV file has for a number of a pose that is missing."""
+"""Text for the numbers of a missing pose in a CSV file."""
 _YEARS = 630_000_000, 4_200_000_000
 """Seconds of 1989 and 2103: the years in which stamps of other units are looked for."""
 _NEAR = 0.01, math.radians(1.0)
@@ -288,7 +288,7 @@ def _odd_units(usual: Unit, sizes: Mapping[int, int], shown: Mapping[int, str]) 
 
 
 def _of_unit(unit: Unit, given: Unit | None, layout: Layout) -> str:
-    """What to add to an error about a stamp whose unit was guessed."""
+    """Addition to an error about a stamp with a guessed unit."""
     if given is not None or layout.unit is not None or unit != "s":
         return ""
     return ", where stamps are seconds (stamp_unit= (--stamp-unit) names another unit)"

@@ -22,7 +22,7 @@ __all__: list[str] = []
 def store_trajectory(
     buffer: Buffer, parent: str, child: str, trajectory: TrajectoryLike, authority: str
 ) -> int:
-    """Do what `Buffer.set_trajectory` says."""
+    """Implements `Buffer.set_trajectory`."""
     refuse_without(trajectory, "trajectory", "one with stamps and poses", "stamps", "poses")
     stamps = trajectory.stamps
     columns = Columns(parent, child, stamps, trajectory.poses)

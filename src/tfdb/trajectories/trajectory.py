@@ -160,7 +160,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         poses: npt.NDArray[np.float64],
         repeated: int = 0,
     ) -> Trajectory:
-        """Make one of what needs no check."""
+        """Make a trajectory without checks."""
         made = cls.__new__(cls)
         made._set(target, source, stamps, poses, repeated)
         return made
@@ -396,7 +396,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return f"<tfdb.Trajectory {name}, {poses} from {first} to {last}>"
 
     def _repr_html_(self) -> str:
-        """Show it in a notebook: what it is, the first and the last poses."""
+        """Show it in a notebook, with the first and last poses."""
         from tfdb.data.notebooks import of_poses  # noqa: PLC0415 - most programs do without
 
         caption = f"{self!r}: {self.duration:.6g} s, {self.length:.6g} m"
@@ -962,7 +962,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def _moved(
         self, target: str, source: str, compute: Callable[[], npt.NDArray[np.float64]]
     ) -> Trajectory:
-        """Make what was computed pose by pose; raise InvalidTransform where it is not finite."""
+        """Make a computed trajectory; raise InvalidTransform if it is not finite."""
         import numpy as np
 
         with np.errstate(over="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""What `to_rerun` and `to_foxglove` write: edges of stores, poses of trajectories."""
+"""Content of `to_rerun` and `to_foxglove`: edges of stores, poses of trajectories."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def write(scene: Scene, path: str | os.PathLike[str], *, topic: str, overwrite: bool) -> None:
-    """Do what `tfdb.to_foxglove` says."""
+    """Implements `tfdb.to_foxglove`."""
     context = foxglove.Context()
     with (
         new_file(path, overwrite=overwrite) as made,

@@ -30,7 +30,7 @@ def write(
     axes: float,
     overwrite: bool,
 ) -> None:
-    """Do what `tfdb.to_rerun` says."""
+    """Implements `tfdb.to_rerun`."""
     for edge in scene.edges:
         _refuse_far(edge)
     if path is None:
@@ -54,7 +54,7 @@ def write(
 
 
 def _refuse_far(edge: Edge) -> None:
-    """Refuse what would be infinite in single precision."""
+    """Refuse poses that are infinite in single precision."""
     far = float(np.abs(edge.poses[:, :3]).max())
     if far > _FARTHEST:
         raise InvalidArgument(

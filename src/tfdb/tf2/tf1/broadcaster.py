@@ -30,7 +30,7 @@ class TransformBroadcaster:
 
     def __init__(self, queue_size: int = 100, *, node: Any = None) -> None:  # noqa: ARG002 - tf's
         self.tf2_broadcaster: Broadcaster = Broadcaster(node)
-        """What does the work."""
+        """The broadcaster of tf2."""
 
     def sendTransform(
         self,

@@ -94,7 +94,7 @@ class Transformer:
         return self._buffer.all_frames_as_string()
 
     def setTransform(self, transform: Any, authority: str = "default_authority") -> None:
-        """Store a TransformStamped; what is refused is logged."""
+        """Store a TransformStamped; refusals are logged."""
         self._buffer.set_transform(transform, authority)
 
     def canTransform(self, target_frame: str, source_frame: str, time: Any) -> Any:

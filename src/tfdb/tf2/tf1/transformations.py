@@ -160,7 +160,7 @@ def random_quaternion(rand: npt.ArrayLike | None = None) -> Array:
 
 
 def arcball_nearest_axis(point: npt.ArrayLike, axes: Iterable[npt.ArrayLike]) -> npt.ArrayLike:
-    """Return the axis, of unit vectors, whose great circle comes closest to a point."""
+    """Return the unit vector with the great circle closest to a point."""
     return max(axes, key=lambda axis: np.dot(arcball_constrain_to_axis(point, axis), point))
 
 
