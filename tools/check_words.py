@@ -32,7 +32,7 @@ REJECTED_IN_NAMES = re.compile(
 )
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/[!c]*.md", "docs/howto/*.md")
 PYTHON = ("src/**/*.py",)
-TESTS = ("tests/*.py", "tests/[!cr]*/**/*.py", "tests/co*/*.py", "tests/ro*/**/*.py")
+TESTS = ("tests/**/*.py",)
 CPP: tuple[str, ...] = ()
 SHORT = re.compile(r"README\.md|docs/howto/.*")  # the documents whose sentences are counted
 

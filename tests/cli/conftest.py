@@ -1,4 +1,4 @@
-"""Running the command, in this process and as installed."""
+"""Fixtures that run the command, in this process and as installed."""
 
 from __future__ import annotations
 

@@ -355,7 +355,7 @@ def test_real_recordings_have_no_other_findings(shared_data: Path, name: str, to
         ("jump", "pose-jump", "base_link", "999.5 m in 20 ms"),
     ],
 )
-def test_what_a_public_recording_had(
+def test_findings_of_public_recordings(
     case: str, kind: str, frame: str, words: str, tool: Tool
 ) -> None:
     (found,) = tool("check", CASES / f"{case}.mcap", "--json", code=1).json["findings"]

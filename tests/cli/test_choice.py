@@ -1,4 +1,4 @@
-"""What commands read of recordings: every one takes the same options."""
+"""Options of reading: every command takes the same ones."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_echo_and_change_notifier(tool: Any, bag: Path) -> None:
     tool("change-notifier", *arguments(bag), "--pair", *names)
 
 
-def test_what_is_no_recording_takes_none(tool: Any, bag: Path, tmp_path: Path) -> None:
+def test_stores_refuse_options_of_recordings(tool: Any, bag: Path, tmp_path: Path) -> None:
     frozen = tmp_path / "all.tfdb"
     tfdb.load(bag).freeze(frozen)
     words = "is a frozen store, read as it is: --frame, --prefix goes with recordings"

@@ -1,4 +1,4 @@
-"""Each command on the shipped recording: what it says, as text and as JSON."""
+"""Each command on the shipped recording, with text and JSON output."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_lookup(tool: Tool, bag: Path) -> None:
     assert "limited by odom" in shown
 
 
-def test_lookup_json_is_what_the_library_says(tool: Tool, bag: Path) -> None:
+def test_lookup_json_equals_the_library(tool: Tool, bag: Path) -> None:
     body = tool("lookup", bag, "map", "base_link", "+2.5", "--json").json
     check_keys(
         body,
@@ -347,7 +347,7 @@ def test_completion_completes(
     assert tool.installed().out.split() == offered
 
 
-def test_installed_program_ends_as_the_tests_say(tool: Tool, bag: Path) -> None:
+def test_the_installed_program_has_the_same_exit_codes(tool: Tool, bag: Path) -> None:
     done = tool.installed("tree", bag, "--json")
     assert done.code == 0
     assert done.err == ""
@@ -357,7 +357,7 @@ def test_installed_program_ends_as_the_tests_say(tool: Tool, bag: Path) -> None:
     assert done.out == ""
 
 
-def test_output_into_a_closed_pipe_is_no_error(tool: Tool, bag: Path) -> None:
+def test_output_into_a_closed_pipe_is_not_an_error(tool: Tool, bag: Path) -> None:
     import subprocess
     import sys
 

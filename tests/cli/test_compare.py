@@ -1,4 +1,4 @@
-"""`tfdb compare`: the same numbers as Python, text that fits, files, refusals."""
+"""`tfdb compare`: the numbers of Python, text that fits, files, errors."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_json_is_what_python_says(tool: Tool, folder: Path) -> None:
+def test_json_equals_python(tool: Tool, folder: Path) -> None:
     files = folder / "truth.tum", folder / "slam.csv"
     options = ("--align", "sim3", "--delta", "0.5", "--delta-unit", "m", "--all-pairs")
     more = ("--max-diff", "0.04", "--offset", "-0.25", "--delta-tolerance", "0.2")

@@ -1,4 +1,4 @@
-"""The commands read what other programs leave: transforms of Foxglove, renamed files."""
+"""Commands on files of other programs: Foxglove's transforms, renamed files."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_they_become_messages_of_tf(tool: Any, tmp_path: Path, command: str, end
         assert tfdb.load(out, topics="/tf").frames() == ["base_link", "odom"]
 
 
-def test_a_missing_time_is_told(tool: Any, tmp_path: Path) -> None:
+def test_a_missing_time_is_reported(tool: Any, tmp_path: Path) -> None:
     path = CASES / "pb_notime.mcap"
     for command in (("info", path), ("convert", path, tmp_path / "a.bag")):
         assert NO_TIME in tool(*command).err
@@ -76,7 +76,7 @@ def test_a_missing_time_is_told(tool: Any, tmp_path: Path) -> None:
     assert len(tfdb.load(tmp_path / "a.bag").samples("base_link")[0]) == 50
 
 
-def test_a_renamed_part_is_told(tool: Any, tmp_path: Path) -> None:
+def test_a_renamed_part_is_reported(tool: Any, tmp_path: Path) -> None:
     """Each command says once how a folder was read whose metadata names other files."""
     folder = CASES / "d_renamed"
     words = "names are missing: d_good.db3; other.db3 is read instead"

@@ -1,4 +1,4 @@
-"""The doctor finds each fault that is planted, and nothing in healthy data."""
+"""The doctor finds each planted fault, and none in healthy data."""
 
 from __future__ import annotations
 
@@ -155,11 +155,11 @@ def test_a_jump_of_a_late_sample_is_found_by_its_stamp() -> None:
     ],
     ids=["rocket", "correction", "standing"],
 )
-def test_what_moves_fast_or_is_corrected_does_not_jump(poses: np.ndarray) -> None:
+def test_fast_motion_and_corrections_are_not_jumps(poses: np.ndarray) -> None:
     assert kinds(poses) == []
 
 
-def test_another_parent_is_no_jump() -> None:
+def test_another_parent_is_not_a_jump() -> None:
     log = moving(walk(50, 1))
     for i in range(50, 100):
         rows = [("map", "base", START + i * 20 * MS, pose(5000 + 0.02 * i))]
@@ -277,7 +277,7 @@ def test_jump_below_the_limit_is_late_data() -> None:
 
 
 @pytest.mark.parametrize("lost", [0, 20])
-def test_stalled_delivery_is_no_jump(lost: int) -> None:
+def test_stalled_delivery_is_not_a_jump(lost: int) -> None:
     """Five seconds in which nothing arrives, then all at once, or all but the oldest of it."""
     log = Log()
     for i in range(200):
@@ -348,7 +348,7 @@ def test_many_jumps_are_one_line_and_hide_nothing() -> None:
     assert {finding.count for finding in found[1:]} == {40}
 
 
-def test_a_simulation_at_a_tenth_of_its_speed_is_no_jump() -> None:
+def test_a_simulation_at_a_tenth_of_its_speed_is_not_a_jump() -> None:
     log = Log()
     for i in range(60):  # one sample a second, which takes ten
         rows = [("odom", "base", START + i * S, pose(i))]
@@ -356,7 +356,7 @@ def test_a_simulation_at_a_tenth_of_its_speed_is_no_jump() -> None:
     assert examine(log) == []
 
 
-def test_slow_simulation_is_no_jump() -> None:
+def test_slow_simulation_is_not_a_jump() -> None:
     log = Log()
     for i in range(60):  # arrives ten times slower than its stamps say
         rows = [("odom", "base", START + i * 100 * MS, pose(i))]
@@ -364,7 +364,7 @@ def test_slow_simulation_is_no_jump() -> None:
     assert examine(log) == []
 
 
-def test_publishers_in_turns_whose_delivery_wavers_are_no_jump() -> None:
+def test_delayed_delivery_of_two_publishers_is_not_a_jump() -> None:
     """Two a millisecond apart, which arrive a microsecond apart, up to 20 ms late."""
     rng = np.random.default_rng(5)
     log = Log()

@@ -1,4 +1,4 @@
-"""Errors: one line that says what to do, exit code 2, JSON where asked for."""
+"""Errors: one line with a remedy, exit code 2, JSON on request."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_topics_of_convert_are_written_as_those_of_load(
     assert tool("info", tmp_path / "c.bag", "--json").json["topics"][0]["name"] == "/robot1/tf"
 
 
-def test_time_out_of_range_tells_the_valid_one(tool: Tool, bag: Path) -> None:
+def test_time_out_of_range_names_the_valid_range(tool: Tool, bag: Path) -> None:
     said = tool("lookup", bag, "map", "base_link", "12.5", code=2).error
     assert "valid from 17" in said
     said = tool("lookup", bag, "map", "base_link", "+1000", code=2).error
@@ -182,7 +182,7 @@ def test_output_folder_is_missing(tool: Tool, bag: Path, tmp_path: Path) -> None
     assert str(out.parent) in tool("poses", bag, "map", "odom", "-o", out, code=2).error
 
 
-def test_a_link_to_nothing_is_not_what_was_meant(tool: Tool, tmp_path: Path) -> None:
+def test_a_dangling_link_is_not_suggested(tool: Tool, tmp_path: Path) -> None:
     link = tmp_path / "loop.bag"
     link.symlink_to(link)
     assert "did you mean" not in tool("info", link, code=2).error
@@ -196,7 +196,7 @@ def test_a_link_to_nothing_is_not_what_was_meant(tool: Tool, tmp_path: Path) -> 
         (b"-2 0 0 0 0 0 0 1\n", "'-2' is negative"),
     ],
 )
-def test_what_holds_no_stamps(
+def test_files_without_stamps_are_refused(
     tool: Tool, bag: Path, tmp_path: Path, text: bytes, words: str
 ) -> None:
     file = tmp_path / "stamps.txt"
@@ -242,7 +242,9 @@ def test_an_echo_that_walks_without_any_answer_is_an_error(tool: Tool, tmp_path:
     assert (done.out, done.err.count("tfdb: error: ")) == ("", 1)
 
 
-def test_what_has_no_message_to_salvage(tool: Tool, bag: Path, tmp_path: Path) -> None:
+def test_files_without_a_message_to_salvage_are_refused(
+    tool: Tool, bag: Path, tmp_path: Path
+) -> None:
     cut = tmp_path / "cut.bag"
     cut.write_bytes(bag.read_bytes()[:6500])
     with tfdb.recordings.Recording(cut, salvage=True) as recording:
@@ -274,12 +276,12 @@ def test_names_that_begin_with_a_dash_may_come_after_two(tool: Tool, tmp_path: P
         tfdb.Buffer.unlink(name.removeprefix("shm:"))
 
 
-def test_names_are_near_in_whatever_case(tool: Tool, bag: Path) -> None:
+def test_suggestions_ignore_case(tool: Tool, bag: Path) -> None:
     assert "did you mean 'map'?" in tool("lookup", bag, "MAP", "odom", code=2).error
     assert "did you mean 'map'?" in tool("info", bag, "--frame", "MAP", code=2).error
 
 
-def test_a_store_is_not_made_for_what_is_refused(tool: Tool, bag: Path, tmp_path: Path) -> None:
+def test_a_refused_command_makes_no_store(tool: Tool, bag: Path, tmp_path: Path) -> None:
     name = f"test-errors-{os.getpid()}"
     tool("serve", "bag", bag, "--into", name, "--frame", "nowhere", code=2)
     tool("serve", "follow", bag, "--into", name, code=2)

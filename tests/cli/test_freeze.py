@@ -1,4 +1,4 @@
-"""`tfdb freeze`, and the commands on what it writes."""
+"""`tfdb freeze`, and commands on its files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_check_compares_all_of_it(tool: Tool, frozen: Path) -> None:
     assert "was cut" in tool("info", frozen, code=2).error
 
 
-def test_what_is_refused(tool: Tool, drive: Path, frozen: Path) -> None:
+def test_freeze_refuses_wrong_arguments(tool: Tool, drive: Path, frozen: Path) -> None:
     assert "--overwrite replaces it" in tool("freeze", drive, code=2).error
     tool("freeze", drive, "--overwrite")
     assert "also an input" in tool("freeze", frozen, "--overwrite", code=2).error
@@ -76,7 +76,7 @@ def test_what_is_refused(tool: Tool, drive: Path, frozen: Path) -> None:
         ("monitor", "FROZEN"),
     ],
 )
-def test_what_wants_messages_says_what_to_give(
+def test_commands_for_recordings_refuse_frozen_stores(
     tool: Tool, frozen: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(frozen.parent)
@@ -86,7 +86,7 @@ def test_what_wants_messages_says_what_to_give(
     assert "; give the recording that it was made of; see '" in said
 
 
-def test_the_help_says_what_reads_no_frozen_store(tool: Tool) -> None:
+def test_the_help_lists_commands_without_frozen_stores(tool: Tool) -> None:
     said = " ".join(tool("--help").out.split())
     assert "merge, rename, convert and serve read recordings and trajectories only" in said
     assert "convert also reads .tfdb files to write a trajectory or a viewer's file" in said

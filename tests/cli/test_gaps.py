@@ -1,4 +1,4 @@
-"""`tfdb gaps`: every gap with its time, its length and who published around it."""
+"""`tfdb gaps`: every gap with its time, length and publishers."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_gaps_are_those_that_check_counts(tool: Tool, tmp_path: Path) -> None:
 def test_every_command_counts_the_same_gaps(
     tool: Tool, tmp_path: Path, limit: float | None
 ) -> None:
-    """Late samples and repeated stamps are in no step; 5 periods of 0.1 s are no gap yet."""
+    """Late samples and repeated stamps do not count; a gap is longer than 5 periods of 0.1 s."""
     tenths = [*range(20), *range(25, 40), *range(46, 60), 58, 59, *range(62, 80)]
     samples = [(t / 10, "map", "base", "/who") for t in tenths]
     path = record(tmp_path / "holes.bag", samples)
@@ -148,7 +148,7 @@ def test_dates_are_of_stamps_since_1970_only(stamp: int, date: str) -> None:
     assert format_when(stamp).endswith(f"({date} UTC)" if date else "0")
 
 
-def test_the_day_is_said_once() -> None:
+def test_the_day_is_printed_once() -> None:
     first = 1_700_000_000 * S
     assert format_dates(first, first + 5 * S) == "2023-11-14 22:13:20.000 to 22:13:25.000 UTC"
     assert format_dates(first, first + 86_400 * S).endswith("to 2023-11-15 22:13:20.000 UTC")

@@ -1,4 +1,4 @@
-"""Commands on recordings in which several groups of topics state one edge."""
+"""Commands on recordings with several groups of topics for one edge."""
 
 from __future__ import annotations
 

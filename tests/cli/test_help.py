@@ -1,4 +1,4 @@
-"""What people are told who ask, or who mistype."""
+"""Help texts, and suggestions for mistyped arguments."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ EVERY = dict(every_command())
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_help_says_what_for_and_gives_an_example(tool: Tool, name: str) -> None:
+def test_help_has_a_purpose_and_an_example(tool: Tool, name: str) -> None:
     usage, text = tool(*name.split(), "--help").out.split("\n\n", 1)
     assert usage.startswith("Usage: ")
     line, example, *_ = text.split("\n\n")
@@ -65,7 +65,7 @@ READS = {
 
 
 @pytest.mark.parametrize("name", sorted(READS))
-def test_options_that_select_what_is_read_have_a_title_of_their_own(tool: Tool, name: str) -> None:
+def test_options_that_select_data_have_a_title(tool: Tool, name: str) -> None:
     _, options = tool(*name.split(), "--help").out.split("Options:\n")
     others, selecting = options.split("\nSelect what is read:\n")
     assert "--json" in others
@@ -96,7 +96,7 @@ def test_commands_that_read_recordings_are_found() -> None:
         (("info", "--topc", "x"), "--topic"),
     ],
 )
-def test_a_mistyped_command_is_told_the_nearest(
+def test_a_mistyped_command_suggests_the_nearest(
     tool: Tool, given: tuple[str, ...], meant: str
 ) -> None:
     said = tool(*given, code=2).error
@@ -139,20 +139,20 @@ def test_nanoseconds_without_their_unit(tool: Tool, bag: Path) -> None:
         ("--rename", "base_lnk:=x", "'base_link'"),
     ],
 )
-def test_a_mistyped_choice_is_told_the_nearest(
+def test_a_mistyped_choice_suggests_the_nearest(
     tool: Tool, bag: Path, option: str, given: str, near: str
 ) -> None:
     assert tool("info", bag, option, given).err.strip().endswith(f"; did you mean {near}?")
 
 
-def test_a_name_that_is_like_none_is_told_nothing(tool: Tool, bag: Path) -> None:
+def test_a_name_without_near_ones_has_no_suggestion(tool: Tool, bag: Path) -> None:
     for given in (("--exclude", "zzzz"), ("--exclude", "base_lnk*"), ("--rename", "zzzz:=x")):
         said = tool("info", bag, *given).err
         assert "warning" in said
         assert "did you mean" not in said
 
 
-def test_a_mistyped_topic_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:
+def test_a_mistyped_topic_suggests_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:
     said = tool("info", bag, "--pose-topic", "/tff=x", code=2).error
     assert "no topic '/tff'; its topics: /tf (" in said
     assert said.endswith("; did you mean '/tf'?")
@@ -161,7 +161,7 @@ def test_a_mistyped_topic_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: P
     assert said.endswith("; did you mean '/tf_static'?")
 
 
-def test_a_mistyped_model_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:
+def test_a_mistyped_model_suggests_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text("<robot/>")
     given = tmp_path / "robt.urdf"
     for arguments in (("info", bag, "--urdf", given), ("static-publisher", "x", "--from", given)):
@@ -170,7 +170,7 @@ def test_a_mistyped_model_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("name", checkout_only.COMMANDS)
-def test_a_command_of_a_checkout_names_what_to_install(
+def test_a_command_of_a_checkout_names_the_install(
     tool: Tool, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setattr(checkout_only, "installed", lambda: False)
@@ -197,7 +197,7 @@ def test_the_page_lists_the_keys_of_every_command() -> None:
     assert takes_json <= listed
 
 
-def test_errors_tell_the_dates_of_what_is_valid(tool: Tool, bag: Path) -> None:
+def test_errors_name_the_dates_of_the_valid_range(tool: Tool, bag: Path) -> None:
     said = tool("lookup", bag, "map", "base_link", "+1000", code=2).error
     assert "(2026-11-21 05:53:01.252 to 05:53:09.952 UTC)" in said
 

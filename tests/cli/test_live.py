@@ -1,4 +1,4 @@
-"""Commands on stores that processes share."""
+"""Commands on shared stores."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_poses_of_a_store(tool: Tool, bag: Path, served: str, tmp_path: Path) ->
     assert "poses of base_link in map" in done.out
 
 
-def test_what_goes_with_files_only(tool: Tool, bag: Path, served: str) -> None:
+def test_options_of_files_are_refused(tool: Tool, bag: Path, served: str) -> None:
     assert "only files can be read" in tool("convert", served, "x.bag", code=2).error
     assert "read alone" in tool("info", served, bag, code=2).error
     assert "--topic goes with recordings" in tool("info", served, "--topic", "/tf", code=2).error
@@ -191,7 +191,7 @@ def test_a_recording_is_served_without_unreadable_members(
         assert (store.commit, store.frames()) == (1, ["base", "map"])
 
 
-def test_what_cannot_be_served(tool: Tool, bag: Path, name: str, tmp_path: Path) -> None:
+def test_broken_files_are_not_served(tool: Tool, bag: Path, name: str, tmp_path: Path) -> None:
     broken = tmp_path / "broken.bag"
     broken.write_bytes(bag.read_bytes()[:300_000])
     failed = tool("serve", "bag", broken, "--into", name, "--speed", "inf", "--json", code=2)
@@ -234,7 +234,7 @@ def test_serve_and_watch(tool: Tool, bag: Path, name: str) -> None:
     assert tool("tree", f"shm:{name}").code == 0
 
 
-def test_what_is_found_while_it_is_watched(name: str) -> None:
+def test_findings_of_a_watched_store(name: str) -> None:
     """Late samples, commit by commit: nothing of it is guessed from the state."""
     store = tfdb.Buffer.open(name, history=None)
     store.set_transform("map", "base", 5, (1, 2, 3), TURN)
@@ -253,7 +253,7 @@ def test_what_is_found_while_it_is_watched(name: str) -> None:
     assert found.count == (arrivals.log.count - 1) / 3
 
 
-def test_who_falls_behind_goes_on(name: str, tool: Tool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_late_follower_continues(name: str, tool: Tool, monkeypatch: pytest.MonkeyPatch) -> None:
     """More commits than the feed holds between two looks: their number is told."""
     store = tfdb.Buffer.open(name)
     store.set_transform("map", "base", 1, (1, 2, 3), TURN)
@@ -275,7 +275,7 @@ def test_who_falls_behind_goes_on(name: str, tool: Tool, monkeypatch: pytest.Mon
     assert "commits were missed" in tool("check", f"shm:{name}", "--for", "1").out
 
 
-def test_what_is_found_in_a_store(tool: Tool, name: str) -> None:
+def test_findings_of_a_store(tool: Tool, name: str) -> None:
     store = tfdb.Buffer.open(name)
     for number in (0, 1, 2, 3, 4, 5, 6, 30, 31, 33, 32):
         store.set_transform("map", "base", 10**9 * number, (number, 1, 2), TURN)

@@ -1,4 +1,4 @@
-"""`tfdb merge` and `tfdb rename`: recordings in one, and with other names."""
+"""`tfdb merge` and `tfdb rename`."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_a_late_sample_in_the_next_part_is_merged(tool: Tool, tmp_path: Path, su
     assert len(whole.samples("base")[0]) == 13
 
 
-def test_what_contradicts_itself_is_refused_and_may_be_mixed(tool: Tool, tmp_path: Path) -> None:
+def test_contradicting_files_are_refused_and_may_be_mixed(tool: Tool, tmp_path: Path) -> None:
     moving = record(tmp_path / "a.bag", {("map", "base"): range(10)}, {("base", "cam"): 1})
     out = tmp_path / "out.bag"
     for other, words in (
@@ -199,7 +199,7 @@ def test_misuse_of_rename(
     assert not out.exists()
 
 
-def test_check_and_gaps_look_at_what_was_chosen(tool: Tool, tmp_path: Path) -> None:
+def test_check_and_gaps_use_the_selection(tool: Tool, tmp_path: Path) -> None:
     path = record(tmp_path / "a.bag", {("map", "base"): [*range(10), *range(30, 40)]})  # type: ignore[dict-item]
     (gap,) = tool("gaps", path, "--prefix", "r1/", "--json").json["gaps"]
     assert (gap["frame"], gap["parent"]) == ("r1/base", "r1/map")

@@ -1,4 +1,4 @@
-"""Words that are mistyped, words of other programs, names that look like options."""
+"""Mistyped words, words of other programs, names that look like options."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def test_the_version_as_json(tool: Tool) -> None:
     }  # fmt: skip
 
 
-def test_help_is_text_and_says_so(tool: Tool) -> None:
+def test_help_is_text_only(tool: Tool) -> None:
     assert tool("help", "help").out == tool("help").out
     assert "Help is text" in tool("help").out
     assert "help is text: it has no --json" in tool("help", "--json", code=2).error
@@ -215,7 +215,7 @@ def test_poses_without_a_file_are_in_the_json(tool: Tool, bag: Path, at: str) ->
     assert body["xyz_xyzw"] == [[float(number) for number in line[1:]] for line in lines]
 
 
-def test_one_is_no_plural(tool: Tool, tmp_path: Path) -> None:
+def test_one_is_singular(tool: Tool, tmp_path: Path) -> None:
     store = tfdb.Buffer()
     store.set_transform("map", "base", SECOND, (1, 2, 3), (0, 0, 0.6, 0.8))
     assert "2 frames, 1 edge (0 static)" in repr(store)

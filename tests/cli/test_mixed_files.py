@@ -1,4 +1,4 @@
-"""Commands on files, or groups of topics, that state one edge differently."""
+"""Commands on files, or groups of topics, that disagree on an edge."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_commands_that_list_show_groups_apart_with_a_warning(
 
 
 @pytest.mark.parametrize("kind", ["tree", "timeline"])
-def test_pictures_of_all_frames_show_what_disagrees_with_a_warning(
+def test_pictures_of_all_frames_show_disagreeing_groups_with_a_warning(
     kind: str, runs: tuple[Path, Path], tool: Tool, tmp_path: Path
 ) -> None:
     out = tmp_path / "out.png"
@@ -148,7 +148,7 @@ def test_pictures_of_all_frames_show_what_disagrees_with_a_warning(
 
 @pytest.mark.parametrize("command", [*LISTINGS, ("check",)], ids=lambda each: each[0])
 @pytest.mark.parametrize("options", [(), ("--by-namespace",)], ids=["", "by namespace"])
-def test_groups_whose_prefixes_collide_are_shown_mixed(
+def test_groups_with_colliding_prefixes_are_shown_in_one_tree(
     command: tuple[str, ...], options: tuple[str, ...], tool: Tool, tmp_path: Path
 ) -> None:
     path = tmp_path / "collision.mcap"

@@ -1,4 +1,4 @@
-"""`tfdb plot`: files in the formats asked for, what is on them, and what is refused."""
+"""`tfdb plot`: formats, contents and errors."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_trajectories(tool: Tool, bag: Path, here: Path) -> None:
     assert (here / "pr2_trajectory.png").exists()
 
 
-def test_publishers_are_told_apart(tool: Tool, here: Path) -> None:
+def test_publishers_have_separate_rows(tool: Tool, here: Path) -> None:
     from tfdb.recordings import RecordingWriter
 
     with RecordingWriter(here / "two.bag") as writer:
@@ -159,7 +159,7 @@ def test_refusals(
     assert not list(here.iterdir())
 
 
-def test_what_exists_is_kept(tool: Tool, bag: Path, here: Path) -> None:
+def test_existing_files_are_kept(tool: Tool, bag: Path, here: Path) -> None:
     (here / "pr2_tree.png").write_text("mine")
     assert "--overwrite replaces it" in tool("plot", bag, code=2).error
     assert (here / "pr2_tree.png").read_text() == "mine"

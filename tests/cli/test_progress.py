@@ -1,4 +1,4 @@
-"""The progress bar is on stderr, on a terminal, and nowhere else."""
+"""The progress bar is on stderr of a terminal only."""
 
 from __future__ import annotations
 

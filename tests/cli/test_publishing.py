@@ -58,7 +58,7 @@ WAYS = [
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_every_way_to_say_it(tool: Tool, name: str, way: list[str]) -> None:
+def test_every_form_of_arguments(tool: Tool, name: str, way: list[str]) -> None:
     assert "map -> base" in tool("static-publisher", f"shm:{name}", *way).out
     store = tfdb.Buffer.open(name, mode="r")
     found = store.lookup_transform("map", "base")
@@ -119,7 +119,9 @@ def test_transforms_of_files(tool: Tool, bag: Path, name: str, tmp_path: Path) -
         (["--from", "nowhere.bag"], "nowhere.bag"),
     ],
 )
-def test_what_is_refused(tool: Tool, name: str, arguments: list[str], said: str) -> None:
+def test_invalid_transforms_are_refused(
+    tool: Tool, name: str, arguments: list[str], said: str
+) -> None:
     assert said in tool("static-publisher", f"shm:{name}", *arguments, code=2).error
     with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)
@@ -169,7 +171,7 @@ def test_changes_in_a_recording(tool: Tool, bag: Path) -> None:
     assert "did you mean" in tool("change-notifier", bag, "--pair", "odm", "map", code=2).error
 
 
-def test_what_has_not_moved_enough_is_not_told() -> None:
+def test_small_motions_are_not_reported() -> None:
     store = tfdb.Buffer()
     pair, told = Pair("/map", "base"), Told("", 0.5, 0.1, as_json=True)
     assert told.look(store, pair, None) is None

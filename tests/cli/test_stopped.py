@@ -1,4 +1,4 @@
-"""Signals and a closed pipe end every command in good order: no temporary file stays."""
+"""Signals and a closed pipe end every command cleanly, without temporary files."""
 
 from __future__ import annotations
 

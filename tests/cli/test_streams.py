@@ -1,4 +1,4 @@
-"""Standard streams that are closed, full, or write fewer characters than names have."""
+"""Standard streams that are closed, full, or cannot encode names."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_full_disk_is_named(store: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_what_an_encoding_lacks_is_written_out(store: Path, encoding: str) -> None:
+def test_unencodable_characters_are_escaped(store: Path, encoding: str) -> None:
     for command in ("info", "tree"):
         code, out, err = shell("", command, store, PYTHONIOENCODING=encoding)
         assert (code, err) == (0, "")
@@ -71,7 +71,9 @@ def test_what_an_encoding_lacks_is_written_out(store: Path, encoding: str) -> No
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_so_it_is_in_errors_and_in_what_is_done(store: Path, tmp_path: Path, encoding: str) -> None:
+def test_unencodable_characters_are_escaped_in_errors_and_results(
+    store: Path, tmp_path: Path, encoding: str
+) -> None:
     code, _, err = shell("", "lookup", store, "map", NAME[:-2], PYTHONIOENCODING=encoding)
     assert (code, err.count("_\\u6f22\\u5b57")) == (2, 2)
     file = tmp_path / "at.txt"
@@ -93,5 +95,5 @@ def test_graphviz_gets_any_name(store: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("group", ["shm", "serve"])
-def test_a_group_alone_says_what_there_is(tool: Tool, group: str) -> None:
+def test_a_group_without_a_command_prints_its_help(tool: Tool, group: str) -> None:
     assert tool(group).out == tool(group, "--help").out

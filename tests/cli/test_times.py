@@ -1,4 +1,4 @@
-"""Times from text: exact, and refused with a hint where they are none."""
+"""Times from text: exact, or refused with a hint."""
 
 from __future__ import annotations
 
@@ -130,6 +130,6 @@ def test_lengths_may_have_their_unit(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["s", "2ms", "2 s", "2m", "-2", "+2"])
-def test_what_is_no_length(text: str) -> None:
+def test_invalid_durations_are_refused(text: str) -> None:
     with pytest.raises(click.BadParameter):
         duration_option(CONTEXT, PARAMETER, text)

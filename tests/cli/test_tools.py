@@ -1,4 +1,4 @@
-"""`echo`, `monitor` and `view-frames` on recordings and on stores that processes share."""
+"""`echo`, `monitor` and `view-frames` on recordings and shared stores."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_echo_prints_as_tf2_echo(tool: Tool, name: str) -> None:
 
 
 @pytest.mark.parametrize("period", [None, 0.001, 3600.0])
-def test_echo_of_what_comes_later(name: str, period: float | None) -> None:
+def test_echo_of_later_transforms(name: str, period: float | None) -> None:
     """The first answer is printed when it is there, and then each that is new."""
     store = tfdb.Buffer.open(name)
     to_come = [
@@ -132,7 +132,7 @@ def test_echo_by_an_offset(tool: Tool, bag: Path, name: str) -> None:
     assert 0 <= one["age_ns"] - 2.5 * S < 20 * S
 
 
-def test_what_echo_refuses(tool: Tool, bag: Path, name: str) -> None:
+def test_echo_refuses_wrong_arguments(tool: Tool, bag: Path, name: str) -> None:
     tfdb.Buffer.open(name)
     assert "did you mean 'map'" in tool("echo", bag, "maps", "base_link", code=2).error
     store = (f"shm:{name}", "a", "b")
@@ -143,7 +143,7 @@ def test_what_echo_refuses(tool: Tool, bag: Path, name: str) -> None:
     assert "tfdb shm ls" in tool("echo", "shm:none-such", "a", "b", code=2).error
 
 
-def test_monitor_tells_all_of_a_recording(tool: Tool, bag: Path) -> None:
+def test_monitor_reports_the_whole_recording(tool: Tool, bag: Path) -> None:
     (told,) = lines(tool("monitor", bag, "map", "base_link", "--json").out)
     summary = {each["frame"]: each for each in tool("info", bag, "--json").json["edges"]}
     assert [each["frame"] for each in told["frames"]] == ["base_footprint", "base_link", "odom"]
@@ -246,7 +246,7 @@ def test_monitor_shows_a_long_delay_beside_a_timely_frame() -> None:
     assert (found["replayed"].mean, found["replayed"].nearest) == (None, AGO)
 
 
-def test_echo_tells_no_age_of_a_replayed_store(tool: Tool, name: str) -> None:
+def test_echo_of_a_replayed_store_has_no_age(tool: Tool, name: str) -> None:
     store = tfdb.Buffer.open(name, history=None)
     store.set_transform("map", "base", time.time_ns() - AGO, (1, 2, 3), TURN)
     asked = ("echo", f"shm:{name}", "map", "base", "--limit", "1")
@@ -304,7 +304,7 @@ def test_monitor_begins_anew_where_time_jumps_back() -> None:
     assert (delays.count, delays.gap, delays.longest) == (4, 2 * S, 10)
 
 
-def test_what_is_wrong_is_said_once(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_is_printed_once(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     store = tfdb.Buffer.open(name)
     printer = Printer("", 3, as_json=False)
     for commit in range(3):
@@ -314,7 +314,7 @@ def test_what_is_wrong_is_said_once(name: str, capsys: pytest.CaptureFixture[str
     assert len(capsys.readouterr().err.splitlines()) == 2
 
 
-def test_what_monitor_refuses(tool: Tool, bag: Path, tmp_path: Path) -> None:
+def test_monitor_refuses_wrong_arguments(tool: Tool, bag: Path, tmp_path: Path) -> None:
     assert "give both" in tool("monitor", bag, "map", code=2).error
     assert "--every" in tool("monitor", bag, "--every", "0", code=2).error
     frozen = tmp_path / "x.tfdb"
@@ -323,7 +323,7 @@ def test_what_monitor_refuses(tool: Tool, bag: Path, tmp_path: Path) -> None:
     assert "frame 'nowhere' does not exist" in tool("monitor", bag, "map", "nowhere", code=2).error
 
 
-def test_rates_forget_what_is_too_long_ago() -> None:
+def test_rates_drop_old_samples() -> None:
     rates = Rates(0, 2)
     for second in range(5):
         for part in range(second + 1):

@@ -1,4 +1,4 @@
-"""Trajectory files as what commands read, and as what they write."""
+"""Trajectory files as input and output of commands."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_parquet_keeps_the_names_of_frames(
             tfdb.load(bad)
 
 
-def test_what_is_no_trajectory(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:
+def test_other_text_files_are_refused(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:
     file = tmp_path / "list.txt"
     file.write_text("1 2 3\n")
     assert "no known format has 3 columns" in tool("tree", file, code=2).error

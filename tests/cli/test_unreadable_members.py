@@ -1,4 +1,4 @@
-"""Commands keep the transforms of a message of which others have no stamp or no name."""
+"""Commands keep the readable transforms of a message with undecodable ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tfdb verify`: verdicts, exit codes, and histories that cannot be read."""
+"""`tfdb verify`: verdicts, exit codes, unreadable histories."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_torn_batch(tool: Tool, tmp_path: Path) -> None:
     assert set(anomaly["transactions"]) == {"half", "batch"}
 
 
-def test_undecided_is_no_pass(tool: Tool, tmp_path: Path) -> None:
+def test_undecided_does_not_pass(tool: Tool, tmp_path: Path) -> None:
     writers = [
         operation(f"w{i}", 3, 99, thread=i, writes=[{"edge": "a", "value": 10 + i}])
         for i in range(6)

@@ -1,4 +1,4 @@
-"""What commands print at 60, 80 and 200 columns: no name of a frame is broken or cut."""
+"""Output at 60, 80 and 200 columns: frame names are never broken or cut."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_names_are_whole(
             assert cell_len(line) <= columns, done.out
 
 
-def test_what_is_left_out_is_said_and_wide_shows_it(
+def test_omitted_columns_are_named_and_wide_shows_them(
     tool: Tool, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = folder / "bad.bag"
@@ -221,7 +221,7 @@ def test_the_page_shows_output() -> None:
 
 
 @pytest.mark.parametrize(("command", "shown"), SHOWN)
-def test_output_in_the_page_is_what_is_printed(
+def test_output_on_the_page_is_the_printed_one(
     tool: Tool, monkeypatch: pytest.MonkeyPatch, command: str, shown: str
 ) -> None:
     monkeypatch.chdir(ROOT)

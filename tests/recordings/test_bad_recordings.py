@@ -1,4 +1,4 @@
-"""Recordings that cannot be read: a typed error with path and reason, and an unchanged store."""
+"""Unreadable recordings: a typed error with path and reason, and an unchanged store."""
 
 from __future__ import annotations
 
@@ -281,7 +281,7 @@ def test_names_that_no_file_can_have(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("kind", ["bag", "mcap", "db3", "folder"])
 @pytest.mark.parametrize("error", [AttributeError, TypeError, KeyError, ValueError, RuntimeError])
-def test_an_error_of_the_program_is_no_damage(
+def test_bugs_are_not_reported_as_damage(
     recorder: Any,
     messages: Drive,
     tmp_path: Path,
@@ -289,7 +289,7 @@ def test_an_error_of_the_program_is_no_damage(
     error: type[Exception],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Whatever calls go wrong while a good file is read: that is no word about the file."""
+    """A failing call while a good file is read is not reported as damage."""
     from tfdb.recordings import bag_folder, bag_reader, db3_reader, mcap_reader
 
     def fail(*_: object, **__: object) -> None:
@@ -315,7 +315,7 @@ def test_an_error_of_the_program_is_no_damage(
             tfdb.load(path, salvage=salvage)
 
 
-def test_a_wrong_call_of_sqlite_is_no_damage(
+def test_a_wrong_call_of_sqlite_is_not_damage(
     recorder: Any, messages: Drive, tmp_path: Path
 ) -> None:
     path = recorder.folder(tmp_path / "a", messages, "sqlite3") / "a.db3"

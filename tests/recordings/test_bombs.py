@@ -1,4 +1,4 @@
-"""Small files that would unpack to very much, and files that are none: refused, fast and typed."""
+"""Small files that would unpack to huge ones, and other types of files, are refused fast."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def test_a_chunk_within_the_limit_loads(
     assert tfdb.load(path).commit == len(messages)
 
 
-def test_what_is_no_file(tmp_path: Path) -> None:
+def test_special_files_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "zero.bag").symlink_to("/dev/zero")
     for path in (tmp_path / "pipe", tmp_path / "zero.bag", Path("/dev/zero"), Path("/dev/null")):
@@ -224,7 +224,7 @@ def test_huge_and_empty(tmp_path: Path, magic: bytes, salvage: bool) -> None:
         (b"BZh91AY", "bunzip2"),
     ],
 )
-def test_what_is_no_recording_but_known(tmp_path: Path, start: bytes, words: str) -> None:
+def test_other_packed_files_are_refused_by_name(tmp_path: Path, start: bytes, words: str) -> None:
     path = tmp_path / "a.mcap.zstd"
     path.write_bytes(start)
     with pytest.raises(tfdb.errors.RecordingError, match=words):

@@ -1,4 +1,4 @@
-"""What is loaded of recordings: each option against a filter over the messages, written anew."""
+"""Options of loading, each against a separate filter over the messages."""
 
 from __future__ import annotations
 
@@ -231,7 +231,7 @@ def test_parents_that_change_are_kept_on_every_way(tmp_path: Path) -> None:
     assert set(tfdb.load(path, frames={"hand", "map"}).frames()) == {"hand", "map"}
 
 
-def test_a_limited_history_counts_what_was_asked_for() -> None:
+def test_a_limited_history_counts_selected_samples() -> None:
     buffer = tfdb.Buffer(history=1.0)
     with pytest.warns(tfdb.TfdbWarning, match="samples are not kept"):
         all_of_it = buffer.load(BAG).forgotten

@@ -1,5 +1,7 @@
-"""Cuts at every hundredth of each format, flipped bytes, missing parts: a typed error or all of it;
-and with `salvage` what is left, with a count of what is not."""
+"""Cut files of each format, flipped bytes, missing parts: a typed error, or all messages.
+
+`salvage` reads the rest and counts the losses.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,7 @@ def test_cuts_at_every_hundredth(recorder: Any, messages: Drive, tmp_path: Path,
     for hundredth in range(100):
         file.write_bytes(raw[: len(raw) * hundredth // 100])
         try:
-            # Only metadata have something at their end that nobody needs.
+            # Only metadata may end early without a loss.
             assert (name, all_of(path)) == ("metadata", whole)
         except tfdb.errors.RecordingError as error:
             assert str(file.name if name in IN_FOLDER else path) in str(error)
@@ -253,7 +255,7 @@ def without_its_last_message(raw: bytearray) -> None:
         (without_its_last_message, "counts no message of a connection in a chunk"),
     ],
 )
-def test_a_bag_whose_index_contradicts_the_rest(
+def test_a_bag_with_a_contradicting_index(
     recorder: Any,
     messages: Drive,
     tmp_path: Path,

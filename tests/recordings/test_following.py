@@ -1,4 +1,4 @@
-"""MCAP files that grow: each piece that is written, against what the whole file holds."""
+"""Growing MCAP files: the loaded parts equal those of the whole file."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def grow(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.mark.parametrize("chunks", [True, False])
-def test_every_prefix_gives_what_is_whole_in_it(chunks: bool, tmp_path: Path) -> None:
+def test_every_prefix_gives_its_complete_messages(chunks: bool, tmp_path: Path) -> None:
     whole = written(chunks=chunks)
     path = tmp_path / "run.mcap"
     path.write_bytes(b"")
@@ -108,7 +108,7 @@ def test_it_ends_at_the_footer(grow: Any, tmp_path: Path) -> None:
         assert np.array_equal(ours[1], theirs[1])
 
 
-def test_others_read_what_came_so_far(grow: Any, tmp_path: Path) -> None:
+def test_other_processes_read_loaded_messages(grow: Any, tmp_path: Path) -> None:
     whole, path = written(), tmp_path / "run.mcap"
     path.write_bytes(whole[: len(whole) // 2])
     buffer = tfdb.Buffer(history=5.0)
@@ -149,7 +149,7 @@ def test_a_writer_that_stopped(grow: Any, tmp_path: Path) -> None:
     assert 0 < buffer.frame_info("base").samples < 60
 
 
-def test_what_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
+def test_other_files_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
     whole, path = written(), tmp_path / "run.mcap"
     buffer = tfdb.Buffer(history=None)
     path.write_bytes(b"#ROSBAG V2.0\n")

@@ -85,7 +85,7 @@ def test_cases_load_without_an_option(name: str) -> None:
     check(buffer, "odom", "base_link", expected)
 
 
-def test_what_a_load_of_them_reports(tmp_path: Path) -> None:
+def test_the_report_of_a_load(tmp_path: Path) -> None:
     messages = [(START + i, transform(i, timestamp={"sec": i, "nsec": 7})) for i in range(1, 5)]
     path = json_file(tmp_path / "a.mcap", messages)
     buffer = tfdb.Buffer(history=None)
@@ -351,7 +351,7 @@ def test_one_bad_member_leaves_the_others(encoding: str) -> None:
     assert str(found.refused[0]).startswith("timestamp" if encoding == "protobuf" else "stamp")
 
 
-def test_a_list_without_transforms_is_no_damage(tmp_path: Path) -> None:
+def test_a_list_without_transforms_is_not_damage(tmp_path: Path) -> None:
     good = json.dumps({"transforms": [transform(1.0, timestamp={"sec": 1, "nsec": 0})]})
     data = [good.encode(), b"{}", b'{"transforms": []}', b'{"other": 3}']
     path = write_mcap(
@@ -474,7 +474,7 @@ def test_raw_messages_of_a_recording_stay_those_of_tf() -> None:
         assert len(list(recording.messages(lambda source: source.holds_transforms))) == 50
 
 
-def test_the_oracle_reads_what_the_case_says() -> None:
+def test_the_oracle_reads_the_times_of_the_case() -> None:
     with (CASES / "json_iso.mcap").open("rb") as file:
         times = [
             (message.log_time, json.loads(message.data)["timestamp"])

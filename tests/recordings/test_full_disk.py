@@ -1,4 +1,4 @@
-"""A disk that runs full: an error that names the file, and all that was there is still there."""
+"""A full disk: an error names the file, and existing files stay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paths as callers give them: what names no file is refused, errors of reading name the file."""
+"""Path arguments: other types are refused, and errors name the file."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_an_empty_path_is_not_the_current_folder(call: Callable[[Any], Any]) -> 
 
 @pytest.mark.parametrize("call", [*READERS, *WRITERS])
 @pytest.mark.parametrize("path", [object(), 5, None, b"drive.bag", Named()])
-def test_what_is_no_path_is_refused_with_its_type(call: Callable[[Any], Any], path: Any) -> None:
+def test_other_types_of_paths_are_refused_by_type(call: Callable[[Any], Any], path: Any) -> None:
     with pytest.raises(tfdb.InvalidArgument, match=r"a path is a str or an os\.PathLike of str"):
         call(path)
 

@@ -135,7 +135,7 @@ def test_topics_that_are_named_are_mixed_as_asked() -> None:
     assert renamed.lookup_transform("odom", "base_link", HALF).translation[0] == pytest.approx(0.5)
 
 
-def test_what_is_left_out_does_not_disagree(recorder: Recorder, tmp_path: Path) -> None:
+def test_excluded_topics_do_not_disagree(recorder: Recorder, tmp_path: Path) -> None:
     buffer = tfdb.load(ROBOTS, exclude="/robot2/*")
     assert buffer.lookup_transform("odom", "base_link", HALF).translation[0] == pytest.approx(0.5)
     late = driven("/b/tf", x=9, rows=range(40, 60))
@@ -302,7 +302,7 @@ def test_other_options_are_about_the_names_with_their_prefix() -> None:
     ]
 
 
-def test_a_cache_keeps_what_was_loaded_otherwise_apart(tmp_path: Path) -> None:
+def test_options_have_separate_caches(tmp_path: Path) -> None:
     path = tmp_path / "robots.mcap"
     path.write_bytes(ROBOTS.read_bytes())
     found = [

@@ -1,4 +1,4 @@
-"""Memory that a load took for its messages goes back, whatever the program keeps meanwhile."""
+"""The memory of a load returns to the system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MCAP files by their records: order of messages, summaries, what the format forbids."""
+"""MCAP files by their records: order of messages, summaries, violations of the format."""
 
 from __future__ import annotations
 
@@ -282,7 +282,7 @@ def test_a_byte_of_the_summary_is_wrong(tmp_path: Path) -> None:
         found, (loss,) = read(path, salvage=True)
         assert found == expected, at
         assert loss.path == str(path)
-    # Zero: nobody has computed one.
+    # Zero: not computed.
     path.write_bytes(good[: footer + 25] + bytes(4) + good[footer + 29 :])
     for salvage in (False, True):
         assert read(path, salvage=salvage) == (expected, ())
@@ -291,7 +291,7 @@ def test_a_byte_of_the_summary_is_wrong(tmp_path: Path) -> None:
 @pytest.mark.parametrize("chunks", [False, True])
 @pytest.mark.parametrize("channels", [False, True])
 @pytest.mark.parametrize("schemas", [False, True])
-def test_what_the_summary_does_not_repeat(
+def test_schemas_and_channels_missing_in_the_summary_are_found(
     tmp_path: Path, schemas: bool, channels: bool, chunks: bool
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -349,7 +349,9 @@ FLAWS = {
 @pytest.mark.parametrize("place", ["in the midst", "at the end"])
 @pytest.mark.parametrize("kind", ["no chunks", "chunks", "zstd", "summary", "known to the summary"])
 @pytest.mark.parametrize("flaw", FLAWS)
-def test_what_the_format_forbids(tmp_path: Path, flaw: str, kind: str, place: str) -> None:
+def test_violations_of_the_format_are_damage(
+    tmp_path: Path, flaw: str, kind: str, place: str
+) -> None:
     bad, reason = FLAWS[flaw]
     records = [*HEAD, message(1, 10), bad, message(1, 30)]
     if place == "at the end":
@@ -376,7 +378,7 @@ def test_what_the_format_forbids(tmp_path: Path, flaw: str, kind: str, place: st
     assert buffer.load(path, salvage=True).lost == (loss,)
 
 
-def test_what_is_declared_again_alike_is_no_damage(tmp_path: Path) -> None:
+def test_repeated_equal_declarations_are_not_damage(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     file = File().chunk([*HEAD, message(1, 10), *HEAD, message(2, 20)], 10, [1, 2])
     file.chunk([*HEAD, message(1, 30)], 30, [1]).end(path, b"".join(HEAD), {1: 2, 2: 1})
@@ -506,13 +508,13 @@ def test_a_byte_of_the_data_is_wrong(tmp_path: Path, channels: bool, chunks: boo
         refused(path)
         if damaged.count(b"cdr") == good.count(b"cdr"):  # of no other encoding
             assert read(path, salvage=True)[1], at
-    # Zero: nobody has computed one.
+    # Zero: not computed.
     path.write_bytes(good[: end + 9] + bytes(4) + good[end + 13 :])
     for salvage in (False, True):
         assert read(path, salvage=salvage) == (expected, ())
 
 
-def test_what_nobody_wants_is_in_the_checksum_too(tmp_path: Path) -> None:
+def test_skipped_records_count_in_the_checksum(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     file = File().chunk([*HEAD, message(1, 10)], 10, [1]).chunk([message(2, 20, b"log")], 20, [2])
     file.end(path, b"".join(HEAD), {1: 1, 2: 1}, has_data_crc=True)

@@ -1,4 +1,4 @@
-"""Several files, or two spellings of a topic, that state one edge differently or alike."""
+"""Several files, or two spellings of a topic, that agree or disagree on an edge."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def test_every_file_that_contradicts_is_named(recorder: Recorder, tmp_path: Path
     assert list(caught.value.groups or ()) == [str(paths[at]) for at in (0, 2, 3)]
 
 
-def test_what_is_left_out_does_not_contradict(recorder: Recorder, tmp_path: Path) -> None:
+def test_excluded_samples_do_not_contradict(recorder: Recorder, tmp_path: Path) -> None:
     paths = files(recorder, tmp_path, driven("/tf"), driven("/tf", x=9, rows=range(40, 60)))
     assert tfdb.load(paths, end=START + 39 * STEP).frame_info("base").samples == 40
     with pytest.raises(tfdb.errors.RecordingError, match="left out"):

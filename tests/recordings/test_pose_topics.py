@@ -1,4 +1,4 @@
-"""Poses and joint states of recordings, written by rosbags and mcap, against what went in."""
+"""Poses and joint states of recordings written by rosbags and mcap."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ def test_poses_join_transforms(ros: Messages, tmp_path: Path) -> None:
     assert tfdb.load(path, topics=(), pose_topics="/odom").frames() == ["base", "map"]
 
 
-def test_what_cannot_be_read_is_refused(ros: Messages, tmp_path: Path) -> None:
+def test_broken_messages_are_refused(ros: Messages, tmp_path: Path) -> None:
     good = ros.of("nav_msgs/msg/Odometry", S, poses(1)[0])
     nowhere = ros.of("nav_msgs/msg/Odometry", 2 * S, poses(1)[0])
     nowhere.header.frame_id = ""
@@ -572,7 +572,7 @@ def test_floating_and_planar_joints(
     assert not store.frame_exists("cart")
 
 
-def test_what_is_wrong_with_joint_states_is_said(ros: Messages, tmp_path: Path) -> None:
+def test_mismatches_of_joint_states_are_reported(ros: Messages, tmp_path: Path) -> None:
     extra = [
         ("/joint_states", JOINTS, 4, ros.joints(4 * S, ["turn", "wheel"], [1.5, 0.0])),
         ("/joint_states", JOINTS, 5, ros.joints(5 * S, ["turn"], [-2.25])),
@@ -624,7 +624,7 @@ def test_topics_of_joint_states(ros: Messages, tmp_path: Path) -> None:
         tfdb.load(path, joint_topic="/a")
 
 
-def test_a_real_arm_says_what_its_own_transforms_say(shared_data: Path) -> None:
+def test_joint_states_of_a_real_arm_equal_its_transforms(shared_data: Path) -> None:
     path = shared_data / "panda" / "rosbagFrankaPanda.bag"
     model = tfdb.robots.load_urdf(shared_data / "urdf" / "panda.urdf")
     ours, theirs = tfdb.recordings.load_joint_states(model, path), tfdb.load(path)

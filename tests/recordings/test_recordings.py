@@ -1,4 +1,4 @@
-"""Recordings into a store, against what rosbags itself decodes from the same files."""
+"""Recordings in a store equal those decoded by rosbags."""
 
 from __future__ import annotations
 
@@ -393,7 +393,7 @@ def test_senders_of_single_messages(recorder: Any, messages: list[Any]) -> None:
     assert buffer.commit == 4
 
 
-def test_what_is_forgotten_is_counted(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
+def test_dropped_samples_are_counted(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
     path = recorder.bag(tmp_path / "a.bag", messages)  # three seconds, 100 samples each
     buffer = tfdb.Buffer(history=1)
     with pytest.warns(tfdb.TfdbWarning, match=r"Buffer\(history=None\) keeps everything") as said:
@@ -406,7 +406,7 @@ def test_what_is_forgotten_is_counted(recorder: Any, messages: list[Any], tmp_pa
         assert keeps.load(path).forgotten == 0
 
 
-def test_what_is_too_old_is_counted(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
+def test_too_old_samples_are_counted(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
     late = [*messages[300:], *messages[:300]]
     for number, message in enumerate(late):
         late[number] = type(message)(

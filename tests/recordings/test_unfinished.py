@@ -83,7 +83,7 @@ def test_a_packed_database_without_metadata(name: str) -> None:
     check_case(buffer)
 
 
-def test_a_folder_whose_files_were_unpacked_or_packed(
+def test_a_folder_of_unpacked_or_packed_files(
     recorder: Any, messages: Drive, tmp_path: Path
 ) -> None:
     """As `zstd -d` and `zstd` leave it, with and without --rm; the metadata stays."""
@@ -168,7 +168,7 @@ def test_every_recording_packed_by_hand(recorder: Any, tmp_path: Path, kind: str
         assert "its zstd does not unpack" in str(recording.losses[-1])
 
 
-def test_what_is_packed_and_no_recording(tmp_path: Path) -> None:
+def test_other_packed_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv.zst"
     for content, words in (
         (b"", "the file is empty"),
@@ -200,7 +200,9 @@ def test_nothing_unpacked_stays(
 # -- folders --------------------------------------------------------------------------------------
 
 
-def test_a_folder_says_what_it_holds(recorder: Any, messages: Drive, tmp_path: Path) -> None:
+def test_an_error_lists_the_contents_of_a_folder(
+    recorder: Any, messages: Drive, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     words = "a folder without .db3 or .mcap files; it holds "
@@ -370,7 +372,7 @@ def test_a_database_that_is_linked_to(whole: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*did not finish:tfdb.TfdbWarning")
-def test_what_is_cached_knows_of_the_log(whole: Path, tmp_path: Path) -> None:
+def test_a_cache_depends_on_the_log(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     Running(whole, path, "wal", 100_000).kill()
     log = path.with_name("run.db3-wal")

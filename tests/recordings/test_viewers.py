@@ -1,4 +1,4 @@
-"""`to_rerun` and `to_foxglove`: what is written is read back by their own libraries."""
+"""`to_rerun` and `to_foxglove`: their own libraries read the files back."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_rerun_logs_into_a_recording(store: tfdb.Buffer, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["to_rerun", "to_foxglove"])
-def test_what_is_refused(store: tfdb.Buffer, tmp_path: Path, name: str) -> None:
+def test_wrong_arguments_are_refused(store: tfdb.Buffer, tmp_path: Path, name: str) -> None:
     pytest.importorskip("rerun" if name == "to_rerun" else "foxglove")
     export = getattr(tfdb, name)
     path = tmp_path / "out"
@@ -232,7 +232,7 @@ def test_convert_refuses(arguments: tuple[str, ...], words: str, tmp_path: Path)
     assert words in done.stderr
 
 
-def test_rerun_refuses_what_single_precision_cannot_hold(tmp_path: Path) -> None:
+def test_rerun_refuses_poses_beyond_single_precision(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     far = tfdb.Trajectory("map", "comet", [5], [[1e39, 2, 3, 0, 0.6, 0, 0.8]])
     with pytest.raises(tfdb.InvalidArgument, match="frame 'comet' is 1e\\+39 m away"):

@@ -1,4 +1,4 @@
-"""Recordings out of a store: read back by tfdb and by rosbags, the same as before."""
+"""Recordings of a store, read back by tfdb and by rosbags."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_times_that_no_file_holds(tmp_path: Path, suffix: str, received: int) ->
 def test_samples_with_one_stamp_are_one_message(store: tfdb.Buffer, tmp_path: Path) -> None:
     distinct = {int(s) for frame in ("base", "arm", "ball") for s in store.samples(frame)[0]}
     assert write_recording(tmp_path / "a.mcap", store) == len(distinct) + 1
-    # In a bag, the publishers stay apart: /ekf, /joints and nobody in particular.
+    # In a bag, the publishers stay apart: /ekf, /joints and an unnamed one.
     samples = sum(len(store.samples(frame)[0]) for frame in ("base", "arm", "ball"))
     assert write_recording(tmp_path / "a.bag", store) == samples + 1
 

@@ -1,4 +1,4 @@
-"""What a person meets first on the command line."""
+"""The first steps of a user on the command line."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_a_dash_is_still_an_option(tool: Tool, bag: Path) -> None:
     assert "before time 0" in tool("lookup", bag, "map", "odom", "-2300000000", code=2).error
 
 
-def test_what_does_not_move_has_no_time(tool: Tool, bag: Path) -> None:
+def test_static_transforms_have_no_time(tool: Tool, bag: Path) -> None:
     shown = tool("lookup", bag, "base_link", "base_laser_link").out
     assert "holds at all times" in shown
     assert "0.000000000" not in shown
@@ -198,7 +198,7 @@ def test_progress_ends_at_the_end(
 @pytest.mark.parametrize(
     "arguments", ["info BAG", "check BAG", "check BAG --json", "poses BAG map odom", "--help"]
 )
-def test_a_closed_pipe_is_no_finding(bag: Path, arguments: str) -> None:
+def test_a_closed_pipe_is_not_a_finding(bag: Path, arguments: str) -> None:
     """It ends as `cat` would: by the signal, in silence."""
     reader, writer = os.pipe()
     os.close(reader)
@@ -208,7 +208,7 @@ def test_a_closed_pipe_is_no_finding(bag: Path, arguments: str) -> None:
     assert (done.returncode, done.stderr) == (-signal.SIGPIPE, b"")
 
 
-def test_a_mistake_of_the_program_is_no_finding() -> None:
+def test_a_bug_is_not_a_finding() -> None:
     program = "import tfdb_command; from tfdb.cli.app import cli; cli.main = None; "
     command = [sys.executable, "-c", program + "tfdb_command.main()"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
@@ -292,7 +292,7 @@ except SystemExit:
 # -- bench -----------------------------------------------------------------------------------------
 
 
-def test_bench_says_when_the_machine_is_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bench_warns_of_a_busy_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine.os, "cpu_count", lambda: 2)
     monkeypatch.setattr(machine.os, "getloadavg", lambda: (0.2, 9.0, 9.0))
     assert machine.busy() is None
