@@ -310,8 +310,12 @@ def test_a_stamp_must_be_given_where_it_is_stored(robot: Robot) -> None:
 
 @pytest.mark.parametrize(
     "seconds",
-    [-1, NAN, INF, True, "soon", "", 1e10, "1e999999", None, 10**5000, b"5", "2026-05-17", "5-6"],
-    ids=lambda value: repr(value)[:8] if value != 10**5000 else "10**5000",
+    [
+        *(-1, NAN, INF, True, "soon", "", 1e10, "1e999999", None, 10**5000, b"5", "2026-05-17"),
+        *("5-6", "nan", "1_000", "\uff11\uff12", "\uff12026-05-17T12:00:00Z"),
+        "2026-05-17T12:00:00.\uff11Z",
+    ],
+    ids=lambda value: ascii(value)[:30] if value != 10**5000 else "10**5000",
 )
 def test_seconds_that_are_no_stamp(seconds: Any) -> None:
     with pytest.raises(tfdb.InvalidStamp) as caught:

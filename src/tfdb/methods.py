@@ -107,7 +107,8 @@ def trajectory(
     ------
     InvalidArgument
         A rate that is not positive, `end` before `start`, or nothing moves and no stamp is given;
-        a `missing` that is none of the three.
+        a `missing` that is none of the three. Without a rate: no stamp is stored between `start`
+        and `end`, where `Trajectory.crop` returns an empty trajectory.
     Extrapolation, and what else `lookup_transforms` raises
         With `index`, the position of the stamp.
     """

@@ -156,7 +156,7 @@ def test_errors_as_json(tool: Tool, bag: Path) -> None:
         (("info", "f", "--rename", "a:=b", "--rename", "a:=c"), "given two names"),
         (("info", "f", "--pose-topic", "/a=b", "--pose-topic", "/a=c"), "given two frames"),
         (("poses", "f", "a", "b", "-o", "-", "--format", "tum"), "go to stdout"),
-        (("lookup", "f", "a", "b", "++2"), "has a sign"),
+        (("lookup", "f", "a", "b", "++2"), "'++2' is not an offset"),
         (("lookup", "f", "a", "b", "2026-13-01"), "such as 2026"),
         (("tree", "ros1:http://localhost:1", "--rename", "map:=world"), "goes with recordings"),
         (("rename", "f", "-o"), "see 'tfdb rename --help'"),

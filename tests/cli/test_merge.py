@@ -189,6 +189,7 @@ def test_rename(tool: Tool, tmp_path: Path, bag: Path) -> None:
             ("--rename", "base_link:=b", "--exclude", "base_link"),
             "rename: frame 'base_link' is left out by exclude=['base_link']",
         ),
+        (("--rename", "map:=odom", "--prefix", "r/"), "would both be called 'r/odom'"),
     ],
 )
 def test_misuse_of_rename(

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import re
+
 import click
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import tfdb
-from tfdb.cli.times import LATEST, TimeSpec, duration_option, parse_stamp, read_stamps, time_option
+from tfdb.cli.times import (
+    LATEST,
+    TimeSpec,
+    duration_option,
+    offset_option,
+    read_stamps,
+    time_option,
+)
+from tfdb.data.decimal_time import parse_stamp
 from tfdb.data.time_text import format_duration, format_ns
 
 CONTEXT = click.Context(click.Command("test"))
@@ -51,6 +61,8 @@ def test_relative_counts_from_the_start_or_the_end() -> None:
     span = (10, 7_000_000_000)
     assert parse("+1.5").resolve(span) == 1_500_000_010
     assert parse("+20ns").resolve(span) == 30
+    assert parse("+1s").resolve(span) == parse("+1").resolve(span)
+    assert parse("-1s").resolve(span) == parse("-1").resolve(span)
     assert parse("-1.5").resolve(span) == 5_500_000_000
     assert parse("-7").resolve(span) == 0
     for text in ("+1", "-1"):
@@ -61,11 +73,22 @@ def test_relative_counts_from_the_start_or_the_end() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "noon", "1.5s", "1.5ns", "+", "-", "+-1", "--1", "nan", "1e99"]
+    "text",
+    ["", "noon", "1.5s", "1.5ns", "+", "-", "+-1", "--1", "+1x", "-9e9", "nan", "1e99"],
 )
 def test_refused(text: str) -> None:
-    with pytest.raises(click.BadParameter, match="write seconds"):
+    with pytest.raises(
+        click.BadParameter, match=rf"^'{re.escape(text.removesuffix('ns'))}' is .*: write"
+    ):
         parse(text)
+
+
+@pytest.mark.parametrize("text", ["1_000", "\uff11\uff12", "+1_000", "2026-11-2\uff11"])
+def test_digits_are_ascii_without_separators(text: str) -> None:
+    with pytest.raises(click.BadParameter):
+        parse(text)
+    with pytest.raises(tfdb.InvalidStamp):
+        tfdb.stamp(text)
 
 
 @pytest.mark.parametrize(
@@ -118,6 +141,7 @@ def test_stamps_refused(text: str, words: str) -> None:
         ("2026-11-21T06:53:03+01:00", 1_795_240_383_000_000_000),
         ("2026-11-21T05:53:03", 1_795_240_383_000_000_000),
         ("2026-11-21", 1_795_219_200_000_000_000),
+        ("2026-11-21t05:53:03z", 1_795_240_383_000_000_000),
     ],
 )
 def test_dates_as_they_are_printed(text: str, ns: int) -> None:
@@ -133,3 +157,11 @@ def test_lengths_may_have_their_unit(text: str) -> None:
 def test_invalid_durations_are_refused(text: str) -> None:
     with pytest.raises(click.BadParameter):
         duration_option(CONTEXT, PARAMETER, text)
+
+
+def test_offsets_may_have_a_sign() -> None:
+    for text, ns in {"2": 2, "+2s": 2, "-2": -2, "-0.5s": -0.5}.items():
+        assert offset_option(CONTEXT, PARAMETER, text) == ns * 10**9
+    for text in ("+", "+-2", "-x", "", "--2"):
+        with pytest.raises(click.BadParameter, match=rf"^{re.escape(repr(text))} is not an offset"):
+            offset_option(CONTEXT, PARAMETER, text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -69,6 +70,11 @@ S = 1_000_000_000
 FIRST = 1795240381220679283
 
 
+def date_of(stamp: int) -> str:
+    """Date in UTC, to the nanosecond."""
+    return f"{datetime.fromtimestamp(stamp // S, UTC):%Y-%m-%dT%H:%M:%S}.{stamp % S:09}"
+
+
 def first_and_last(samples: list[Sample]) -> tuple[int, int]:
     moving = [each.stamp for each in samples if not each.static]
     return min(moving), max(moving)
@@ -86,6 +92,8 @@ def between(first: int, last: int) -> Callable[[Sample], bool]:
         ({"start": "-1.25"}, lambda a, b: (b - 5 * S // 4, b)),
         ({"start": FIRST + S, "end": FIRST + 2 * S}, lambda a, b: (FIRST + S, FIRST + 2 * S)),
         ({"start": f"{FIRST + S}ns"}, lambda a, b: (FIRST + S, b)),
+        ({"start": date_of(FIRST + S)}, lambda a, b: (FIRST + S, b)),
+        ({"end": date_of(FIRST + S) + "Z"}, lambda a, b: (a, FIRST + S)),
         ({"end": np.datetime64(FIRST + S, "ns")}, lambda a, b: (a, FIRST + S)),
         ({"keep": 2}, lambda a, b: (b - 2 * S, b)),
         ({"keep": np.float32(2)}, lambda a, b: (b - 2 * S, b)),

@@ -35,6 +35,9 @@ def store() -> tfdb.Buffer:
         ({"start": "1700000003", "end": f"{START + 4 * SECOND}ns"}, (3, 4)),
         ({"start": START + 3 * SECOND, "end": "+4"}, (3, 4)),
         ({"start": np.datetime64(START + 3 * SECOND, "ns")}, (3, 10)),
+        ({"start": "+3s", "end": "-500000000ns"}, (3, 9.5)),
+        ({"start": "2023-11-14T22:13:23Z", "end": "2023-11-14T23:13:24.5+01:00"}, (3, 4.5)),
+        ({"start": "2023-11-14 22:13:23.000 UTC", "end": "2023-11-14T22:13:24"}, (3, 4)),
     ],
 )
 def test_ranges_take_offsets_and_text(
@@ -66,7 +69,9 @@ def test_crop_reaches_before_the_first_stamp() -> None:
     assert path.crop("+0.000000001").stamps.tolist() == [10]
 
 
-@pytest.mark.parametrize("text", ["", "+", "soon", "+-1", "--1", "1e400", "+1 s", "latest"])
+@pytest.mark.parametrize(
+    "text", ["", "+", "soon", "+-1", "--1", "1e400", "+1 s", "++1", "+1_0", "latest", "2023-02-30"]
+)
 def test_invalid_texts_are_refused(store: tfdb.Buffer, text: str) -> None:
     path = store.trajectory("map", "base")
     for call in (

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import click
 
 import tfdb
-from tfdb.data.decimal_time import NS_PER_SECOND, parse_stamp
-from tfdb.data.given_time import Time
+from tfdb.data.decimal_time import NS_PER_SECOND
+from tfdb.data.given_time import Time, read_length, read_offset, read_time, read_unsigned
 from tfdb.data.stamps import MAX_STAMP
 from tfdb.data.suggestions import near_names
 from tfdb.data.time_text import _EPOCH_NS
 
 from . import output
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 NS = NS_PER_SECOND
 
@@ -23,10 +25,6 @@ HINT = (
     "write seconds (12.5), nanoseconds (12500000000ns), a date (2026-05-17T12:00:00.25), an offset "
     "from the start (+1.5) or from the end (-0.5), or 'latest'"
 )
-
-_DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
-_UNIT = re.compile(r"(?<=[0-9.])s$")
-_ZONE = re.compile(r"(Z|[+-]\d\d(:?\d\d)?)", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class TimeSpec:
 
     text: str
     ns: int | None
-    since: Literal[0, 1, -1] = 0
+    since: int = 0
 
     def resolve(self, span: tuple[int, int] | None) -> int | None:
         """Return the stamp in nanoseconds, or None for the latest common time.
@@ -76,33 +74,14 @@ def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -
         return None
     if text == "latest":
         return LATEST
-    since: Literal[0, 1, -1] = 1 if text.startswith("+") else -1 if text.startswith("-") else 0
     try:
-        if _DATE.match(text):
-            ns = _parse_date(text)
-            return TimeSpec(f"{ns}ns", ns)
-        return TimeSpec(text, _parse_unsigned(text[1:] if since else text), since)
+        time = read_time(text)
+        return TimeSpec(time.text, time.ns, time.since)
     except ValueError as error:
         hint = f"did you mean {text}ns?" if _looks_like_ns(text) else HINT
         if near_names(text, ("latest",), cutoff=0.6):
             hint = f"did you mean 'latest'? Else {HINT}"
         raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
-
-
-def _parse_date(text: str) -> int:
-    """Nanoseconds of a date as it is printed, in UTC where it names no zone."""
-    date = text.removesuffix("UTC").rstrip()
-    day, time = date[:10], date[11:]
-    zone = "" if _ZONE.search(time) else "Z"
-    return tfdb.stamp(f"{day}T{time or '00:00:00'}{zone}")
-
-
-def _parse_unsigned(text: str) -> int:
-    """Nanoseconds of a text without a sign. Raises ValueError."""
-    if text.startswith(("+", "-")):
-        why = "is negative" if text.startswith("-") else "has a sign too many"
-        raise ValueError(f"{text[:40]!r} {why}")
-    return parse_stamp(text)
 
 
 def _looks_like_ns(text: str) -> bool:
@@ -112,21 +91,24 @@ def _looks_like_ns(text: str) -> bool:
 
 def duration_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
     """Click's callback for a length of time: `10`, `10s`, `0.5`, or nanoseconds with `ns`."""
-    if value is None or ctx.resilient_parsing:
-        return None
-    text = value.strip()
-    try:
-        return _parse_unsigned(_UNIT.sub("", text))
-    except ValueError as error:
-        hint = "write seconds (0.5) or nanoseconds (500000000ns)"
-        raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
+    return _length_option(ctx, param, value, read_length)
 
 
 def offset_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
     """Click's callback for a length of time with a sign."""
-    text = (value or "").strip()
-    size = duration_option(ctx, param, text.lstrip("+-") if text else None)
-    return -size if size is not None and text.startswith("-") else size
+    return _length_option(ctx, param, value, read_offset)
+
+
+def _length_option(
+    ctx: click.Context, param: click.Parameter, value: str | None, read: Callable[[str], int]
+) -> int | None:
+    if value is None or ctx.resilient_parsing:
+        return None
+    try:
+        return read(value.strip())
+    except ValueError as error:
+        hint = "write seconds (0.5) or nanoseconds (500000000ns)"
+        raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
 
 
 def read_stamps(text: str, name: str) -> list[int]:
@@ -144,7 +126,7 @@ def read_stamps(text: str, name: str) -> list[int]:
         first = fields[0]
         try:
             bare_ns = first.isdigit() and len(first) > 14
-            stamps.append(_parse_unsigned(first + "ns" if bare_ns else first))
+            stamps.append(read_unsigned(first + "ns" if bare_ns else first))
         except ValueError as error:
             if not stamps and not first[0].isdigit() and first[0] not in "+-" and len(fields) > 1:
                 continue

@@ -7,7 +7,7 @@ from datetime import date, time
 from decimal import ROUND_HALF_EVEN, Context
 from typing import Literal, TypeAlias
 
-from .stamps import MAX_STAMP
+from .stamps import MAX_STAMP, NUMBER
 
 Unit: TypeAlias = Literal["s", "ms", "us", "ns"]
 NS_PER_SECOND = 1_000_000_000
@@ -19,7 +19,6 @@ UNITS: dict[Unit, tuple[int, str]] = {
 }
 """The power of ten that makes nanoseconds of each, and its name."""
 
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _RFC3339 = re.compile(
     r"(\d{4})-(\d\d)-(\d\d)[Tt ](\d\d):(\d\d):(\d\d)(\.\d+)?(?:[Zz]|([+-])(\d\d):(\d\d))?",
     re.ASCII,
@@ -54,7 +53,7 @@ def units_to_ns(text: str, unit: Unit) -> int:
 
 def _decimal_ns(text: str, unit: Unit) -> int:
     power, name = UNITS[unit]
-    if not _NUMBER.fullmatch(text):
+    if not NUMBER.fullmatch(text):
         raise ValueError(f"{text[:40]!r} is not a number of {name}")
     value = _CONTEXT.create_decimal(text)
     if value.is_infinite() or (value and value.adjusted() + power > 19):
@@ -72,7 +71,7 @@ def whole_part(text: str) -> int | None:
     whole = text.partition(".")[0]
     if is_whole(whole) and len(whole) < 40 and "e" not in text and "E" not in text:
         return int(whole)
-    if not _NUMBER.fullmatch(text):
+    if not NUMBER.fullmatch(text):
         return None
     value = _CONTEXT.create_decimal(text)
     return int(value) if value.is_finite() and value.adjusted() < 40 else None

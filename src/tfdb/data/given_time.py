@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .decimal_time import parse_stamp
 from .errors import InvalidArgument, InvalidStamp
-from .stamps import format_seconds, shown
+from .stamps import DATE, MAX_STAMP, format_seconds, shown, stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,9 +21,11 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 TIMES = (
-    "write seconds ('12.5'), nanoseconds ('12500000000ns'), or an offset from the first ('+1.5') "
-    "or to the last moving stamp ('-0.5')"
+    "write seconds ('12.5'), nanoseconds ('12500000000ns'), a date ('2026-05-17T12:00:00.25Z'), or "
+    "an offset from the first ('+1.5') or to the last moving stamp ('-0.5')"
 )
+_UNIT = re.compile(r"(?<=[0-9.])s$")
+_ZONE = re.compile(r"([Zz]|[+-]\d\d(:?\d\d)?)", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,48 @@ class Time:
         return self.ns <= length < found[0] - self.ns
 
 
+def read_time(text: str) -> Time:
+    """Read seconds, nanoseconds, a date or an offset. Raises ValueError with a reason."""
+    text = text.strip()
+    if text.startswith(("+", "-")):
+        return Time(text, abs(read_offset(text)), -1 if text[0] == "-" else 1)
+    if DATE.match(text):
+        ns = _date_ns(text)
+        return Time(f"{ns}ns", ns)
+    return Time(text, parse_stamp(text))
+
+
+def read_offset(text: str) -> int:
+    """Nanoseconds of a length with or without a sign. Raises ValueError with a reason."""
+    try:
+        size = read_length(text[1:] if text.startswith(("+", "-")) else text)
+    except ValueError:
+        most = format_seconds(MAX_STAMP)
+        raise ValueError(f"{text[:40]!r} is not an offset of at most {most}") from None
+    return -size if text.startswith("-") else size
+
+
+def read_length(text: str) -> int:
+    """Nanoseconds of `10`, `10s` or `500ns`. Raises ValueError with a reason."""
+    return read_unsigned(_UNIT.sub("", text))
+
+
+def read_unsigned(text: str) -> int:
+    """Nanoseconds of `10` (seconds) or `500ns`. Raises ValueError with a reason."""
+    if text.startswith(("+", "-")):
+        why = "is negative" if text.startswith("-") else "has a sign too many"
+        raise ValueError(f"{text[:40]!r} {why}")
+    return parse_stamp(text)
+
+
+def _date_ns(text: str) -> int:
+    """Nanoseconds of a date, in UTC where it has no time zone."""
+    date = text.removesuffix("UTC").rstrip()
+    day, time = date[:10], date[11:]
+    zone = "" if _ZONE.search(time) else "Z"
+    return stamp(f"{day}T{time or '00:00:00'}{zone}")
+
+
 def time_of(name: str, given: StampLike | str | None) -> Time | None:
     """Read the time given as the argument `name`. Raises InvalidArgument, InvalidStamp."""
     if given is None:
@@ -75,10 +120,8 @@ def time_of(name: str, given: StampLike | str | None) -> Time | None:
         from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
 
         return Time(shown(given), to_nanoseconds(given))
-    text = given.strip()
-    since = {"+": 1, "-": -1}.get(text[:1], 0)
     try:
-        return Time(text, parse_stamp(text[1:] if since else text), since)
+        return read_time(given)
     except ValueError as error:
         raise InvalidArgument(f"{name}: {error}: {TIMES}", value=given) from None
 

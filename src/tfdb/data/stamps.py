@@ -81,8 +81,11 @@ StampsLike: TypeAlias = (
 # 19 digits hold every stamp; the rest is for digits behind the nanosecond, which are rounded off.
 _CONTEXT = Context(prec=60, rounding=ROUND_HALF_EVEN)
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_DATE = re.compile(r"\d{4}-.*")
-_FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)", re.DOTALL)
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""A decimal number."""
+DATE = re.compile(r"\d{4}-", re.ASCII)
+"""How a date begins."""
+_FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)", re.DOTALL | re.ASCII)
 
 
 @overload
@@ -136,11 +139,11 @@ def _stamp(seconds: Any) -> int:
             return _itself(seconds)
     if isinstance(seconds, bool):
         raise InvalidStamp(f"seconds must be a number, got {seconds!r}", value=seconds)
+    if isinstance(seconds, str) and not NUMBER.fullmatch(seconds.strip()):
+        return _date(seconds)
     try:
         value = Decimal(str(seconds).strip())
     except (InvalidOperation, ValueError):  # an integer of thousands of digits has no str
-        if isinstance(seconds, str):
-            return _date(seconds)
         message = f"{shown(seconds)} is not a number of seconds"
         raise InvalidStamp(message, value=seconds) from None
     if not value.is_finite() or value < 0 or value.adjusted() > 10:
@@ -186,7 +189,7 @@ def _date(text: str) -> int:
     match = _FRACTION.fullmatch(text.strip())
     whole, digits, zone = match.groups() if match else (text.strip(), "", "")
     try:
-        date = datetime.fromisoformat(whole + zone) if _DATE.fullmatch(whole) else None
+        date = datetime.fromisoformat((whole + zone).upper()) if DATE.match(whole) else None
     except ValueError:
         date = None
     if date is None:

@@ -173,7 +173,7 @@ class OpenRecordings:
             window = window_of(self.choice, (min(ends), max(ends)) if ends else None)
             made = []
             for each, (edges, joints) in zip(chosen, found, strict=True):
-                _check_names(each.rename, edges.frames)
+                _check_names(each, edges.frames)
                 children = None if each.frames is None else edges.between(each.frames)
                 made.append(Rewriter(each, window, children, joints))
         else:
@@ -361,11 +361,11 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
     return first, last
 
 
-def _check_names(rename: Mapping[str, str], frames: Sequence[str]) -> None:
+def _check_names(choice: Choice, frames: Sequence[str]) -> None:
     """Refuse new names that others have."""
     found: dict[str, str] = {}
     for frame in frames:
-        new = rename.get(frame, frame)
+        new = choice.prefix + choice.rename.get(frame, frame)
         other = found.setdefault(new, frame)
         if other != frame:
             raise InvalidArgument(

@@ -59,9 +59,11 @@ class Selection:
         Foxglove's, when the name ends in `_static`.
     start, end
         The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
-        the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
-        stamp of what is read, `"-0.5"` before the last: `exclude` leaves stamps out of that,
-        `frames` does not. Static transforms are kept always.
+        the command line takes it. Text is in seconds (`"1700000012.5"`), in nanoseconds
+        (`"1700000012500000000ns"`), or a date, in UTC unless it has a time zone
+        (`"2026-05-17T12:00:00.25+02:00"`). `"+12.5"` counts from the first moving stamp of the
+        recordings, `"-0.5"` back from the last: `exclude` leaves stamps out of that, `frames` does
+        not. Static transforms are kept always.
     keep
         Only so many seconds before the earlier of `end` and the last moving stamp.
     frames
