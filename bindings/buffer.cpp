@@ -159,7 +159,7 @@ PyObject* open_frozen(PyObject* /*self*/, PyObject* const* args, Py_ssize_t coun
         constexpr ParameterList kList{"open", kOpenNames, 1, 1};
         const auto [path, verify, clock] = bind<3>(kList, args, count, keywords);
         const bool whole = flag_of(verify, "verify");
-        const nb::object given = nb::module_::import_("tfdb.data.path_checks").attr("given_path");
+        const nb::object given = nb::module_::import_("tfdb.data.path_checks").attr("check_path");
         const std::string file = absolute_path_of(given(nb::handle(path)));
         const auto open = [&] {
             const LongWork work(whole);

@@ -17,7 +17,7 @@ import tfdb
 from tfdb.data.argument_checks import unknown_word
 from tfdb.data.decimal_time import parse_stamp
 from tfdb.data.new_file import is_one_of, refuse_existing
-from tfdb.data.path_checks import first_missing, given_path, missing_file
+from tfdb.data.path_checks import check_path, first_missing, missing_file
 from tfdb.data.suggestions import near_names
 from tfdb.data.time_text import format_dates, format_ns
 from tfdb.recordings.selection import Selection
@@ -28,7 +28,7 @@ from tfdb.trajectories.reading_report import warn_of_rows
 from . import output
 from .graph import STORE, is_graph, listen_once
 from .groups import OneOf
-from .selecting import given, given_bounds, refuse_selection, selected
+from .selecting import given, refuse_selection, selected, time_bounds
 from .times import duration_option, warn_of_bounds
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def is_live(name: str) -> bool:
 
 def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
     """Check that the files exist; where one does not, name the nearest that does."""
-    paths = tuple(given_path(name) for name in names)
+    paths = tuple(check_path(name) for name in names)
     for name in names:
         if is_live(name):
             what = "graph" if is_graph(name) else "store"
@@ -186,7 +186,7 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
 
 def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
     """Refuse an output without a folder, one of the inputs, or one that exists already."""
-    path = given_path(out)
+    path = check_path(out)
     if not path.parent.is_dir():
         missing = first_missing(path.parent)
         what = "is not a folder" if missing.exists() else "the folder is missing; make it first"
@@ -235,7 +235,7 @@ def load(
     if loaded.report is not None:
         told = {rows.path for rows in loaded.report.trajectories}  # their warnings count it
         report_losses(loss for loss in loaded.report.lost if loss.path not in told)
-    warn_of_bounds(loaded.span, **given_bounds())
+    warn_of_bounds(loaded.span, **time_bounds())
     loaded.warn_of_mixture()
     return loaded
 
@@ -411,7 +411,7 @@ def _some_frames(path: str) -> set[str]:
         return set()  # a shell does not wait for it
     if path.startswith(STORE):
         return set(open_live(path).frames())
-    if is_frozen(given_path(path)):
+    if is_frozen(check_path(path)):
         return set(tfdb.open(path).frames())
     from tfdb.recordings.recording import Recording  # noqa: PLC0415 - not for frozen stores
     from tfdb.recordings.rewriter import Rewriter  # noqa: PLC0415

@@ -8,7 +8,7 @@ import click
 
 import tfdb
 from tfdb.data.counting import counted
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 from tfdb.store.frozen import is_frozen
 
 from . import common, layout, output
@@ -190,7 +190,7 @@ def _has_frames(name: str) -> bool:
 
     if common.is_live(name):
         return True
-    path = given_path(name)
+    path = check_path(name)
     return is_frozen(path) or is_recording(path)
 
 
@@ -198,7 +198,7 @@ def title_of(reference: str, estimate: str) -> str | None:
     """Name files of trajectories, whose frames have no names; None: by the frames."""
     if any(map(_has_frames, (reference, estimate))):
         return None
-    return f"{given_path(estimate).name} against {given_path(reference).name}"
+    return f"{check_path(estimate).name} against {check_path(reference).name}"
 
 
 def find(
@@ -241,9 +241,9 @@ def _read(
 ) -> Trajectory:
     """Read one of the two."""
     if not _has_frames(name):
-        from tfdb.comparing.inputs import given_trajectory  # noqa: PLC0415 - brings numpy
+        from tfdb.comparing.inputs import to_trajectory  # noqa: PLC0415 - brings numpy
 
-        return given_trajectory(name, None, "trajectory", "frames", reading)
+        return to_trajectory(name, None, "trajectory", "frames", reading)
     if frames is None:
         raise click.UsageError(f"{name} holds frames: name two {how} TARGET SOURCE")
     store = common.load((name,)).store

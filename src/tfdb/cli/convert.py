@@ -9,7 +9,7 @@ import click
 import tfdb
 from tfdb.data.argument_checks import unknown_ending
 from tfdb.data.counting import counted
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 from tfdb.recordings.containers import TRAJECTORIES
 from tfdb.recordings.recording_writer import RecordingWriter
 from tfdb.recordings.rewriting import Written, rewrite
@@ -64,7 +64,7 @@ def command(
     Between recordings each message keeps its topic, its receive time and, if OUT can hold it, its
     publisher. Messages without transforms are dropped. Several INs become one OUT.
     """
-    path = given_path(out)
+    path = check_path(out)
     suffix = path.suffix.lower()
     known = (*RECORDINGS, RERUN, *TRAJECTORIES)
     is_trajectory = kind is not None or suffix in TRAJECTORIES
@@ -107,7 +107,7 @@ def command(
 
 def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path:
     """Check where a recording is to be written."""
-    path = given_path(out)
+    path = check_path(out)
     if path.suffix.lower() not in RECORDINGS:
         raise click.UsageError(unknown_ending(out, RECORDINGS))
     common.check_output(out, inputs, overwrite=overwrite)

@@ -8,7 +8,7 @@ import click
 
 import tfdb
 from tfdb.data.counting import counted
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 from tfdb.store.frozen import SUFFIX
 
 from . import common, layout, output
@@ -51,7 +51,7 @@ def command(
     if out is None:
         if live:
             raise click.UsageError(f"{files[0]} has no folder: say where to write with -o OUT.tfdb")
-        first = given_path(files[0])
+        first = check_path(files[0])
         first = first if first.name.strip(".") else first.resolve()
         out = str(first.with_name(first.name if first.is_dir() else first.stem)) + SUFFIX
     common.check_output(out, inputs, overwrite=overwrite)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tfdb.data.counting import counted
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 from tfdb.data.time_text import format_dates, format_duration, format_ns
 from tfdb.store.summary import EdgeSummary, Forest, edge_summaries, span
 
@@ -91,7 +91,7 @@ def rows_body(report: LoadReport | None) -> dict[str, Any]:
 def say_rows(out: Console, trajectories: Sequence[TrajectoryRows]) -> None:
     """Print how many rows of each trajectory file were read, repeated or skipped."""
     for rows in trajectories:
-        name = f"{given_path(rows.path).name}: " if len(trajectories) > 1 else ""
+        name = f"{check_path(rows.path).name}: " if len(trajectories) > 1 else ""
         out.print(layout.wrap(layout.words(f"{name}{rows.summary}")))
 
 

@@ -9,7 +9,7 @@ import click
 
 from tfdb.data.argument_checks import not_one_of
 from tfdb.data.new_file import new_file
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 
 from . import common
 
@@ -26,11 +26,11 @@ def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
     for text in saved:
         form = text.lower()
         if form in FORMATS:
-            stem = file if common.is_live(file) else given_path(file).stem
+            stem = file if common.is_live(file) else check_path(file).stem
             stem = re.sub(r"[^\w.-]+", "_", stem).strip("_.") or "tfdb"
-            path = given_path(f"{stem}_{kind}.{form}")
+            path = check_path(f"{stem}_{kind}.{form}")
         else:
-            path = given_path(text)
+            path = check_path(text)
             if path.suffix.lower()[1:] not in FORMATS:
                 more = "a path that ends in one of them"
                 raise click.UsageError(not_one_of("--save", text, FORMATS, more))

@@ -153,7 +153,7 @@ def given() -> dict[str, Any]:
     return found
 
 
-def given_bounds() -> dict[str, TimeSpec]:
+def time_bounds() -> dict[str, TimeSpec]:
     """Return the times of `--start` and `--end`."""
     context = click.get_current_context(silent=True)
     found: dict[str, TimeSpec] = {} if context is None else context.meta.get(_BOUNDS, {})

@@ -11,7 +11,7 @@ import click
 
 from tfdb.data.counting import counted
 from tfdb.data.new_file import new_file
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 from tfdb.data.stamps import format_seconds
 from tfdb.data.time_text import format_duration
 from tfdb.judging.rates import ANOTHER_CLOCK
@@ -91,7 +91,7 @@ def _outputs(out: str | None, files: Sequence[str], *, overwrite: bool) -> list[
         return []
     if out is None:
         out = time.strftime("frames_%Y-%m-%d_%H.%M.%S")
-    path = given_path(out)
+    path = check_path(out)
     single = path.suffix.lower() in (*_DOT, *_PICTURES)
     # A name may have a point in it, as the default has.
     found = [path] if single else [path.with_name(path.name + end) for end in (".gv", ".pdf")]

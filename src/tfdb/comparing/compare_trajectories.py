@@ -8,7 +8,7 @@ from operator import index
 from typing import TYPE_CHECKING, Any, Literal
 
 from tfdb._core import Transform
-from tfdb.data.argument_checks import given_flag, given_word
+from tfdb.data.argument_checks import check_flag, check_word
 from tfdb.data.decimal_time import UNITS as STAMP_UNITS
 from tfdb.data.errors import InvalidArgument, NotComparable, TfdbWarning
 from tfdb.data.stamps import MAX_STAMP, shown
@@ -17,7 +17,7 @@ from tfdb.trajectories.trajectory import Trajectory
 from .alignment import MODES, NEEDED, align
 from .association import associate
 from .comparison import Comparison, Errors
-from .inputs import Reading, given_trajectory, goes_by_rows
+from .inputs import Reading, goes_by_rows, to_trajectory
 from .pairs import UNITS, check_delta, find_pairs
 from .poses import angles, distances, relative
 from .quaternion_order import order_hint
@@ -124,11 +124,11 @@ def compare(
         order w x y z. Also the warnings of `Trajectory.read` for files.
     """
     if stamp_unit is not None:
-        given_word("stamp_unit", stamp_unit, STAMP_UNITS)
-    given_word("association", association, _ASSOCIATIONS)
-    given_word("align", align, tuple(MODES))
-    given_word("delta_unit", delta_unit, UNITS)
-    given_word("pairs_from", pairs_from, _PAIRS_FROM)
+        check_word("stamp_unit", stamp_unit, STAMP_UNITS)
+    check_word("association", association, _ASSOCIATIONS)
+    check_word("align", align, tuple(MODES))
+    check_word("delta_unit", delta_unit, UNITS)
+    check_word("pairs_from", pairs_from, _PAIRS_FROM)
     limit = None if max_diff is None else _nanoseconds("max_diff", max_diff)
     given_offset = _offset(offset)
     _number("delta", delta, above=0.0)
@@ -140,10 +140,10 @@ def compare(
     if association == "rows" and (given_offset != 0 or limit is not None):
         reason = "row by row no stamps are compared: offset and max_diff go with the others"
         raise InvalidArgument(reason, value=offset if limit is None else max_diff)
-    reading = Reading(given_flag("salvage", salvage), stamp_unit, association == "rows")
-    ours = given_trajectory(reference, frames, "reference", "frames", reading)
+    reading = Reading(check_flag("salvage", salvage), stamp_unit, association == "rows")
+    ours = to_trajectory(reference, frames, "reference", "frames", reading)
     others = frames if estimate_frames is None else estimate_frames
-    theirs = given_trajectory(estimate, others, "estimate", "estimate_frames", reading)
+    theirs = to_trajectory(estimate, others, "estimate", "estimate_frames", reading)
     if given_offset is None:
         given_offset = estimate_offset(ours, theirs, scaled=align in ("sim3", "scale"))
     matched = associate(ours, theirs, how=association, max_diff=limit, offset=given_offset)
@@ -155,7 +155,7 @@ def compare(
         "align": align,
         "delta": float(delta),
         "delta_unit": delta_unit,
-        "all_pairs": given_flag("all_pairs", all_pairs),
+        "all_pairs": check_flag("all_pairs", all_pairs),
     }
     by_reference = pairs_from == "reference"
     given = ours, theirs
@@ -224,7 +224,7 @@ def _judge(
 def _offset(offset: Any) -> int | None:
     """Return an offset in nanoseconds; None: it is to be estimated."""
     if isinstance(offset, str):
-        given_word("offset", offset, ("estimate",), "a number of seconds")
+        check_word("offset", offset, ("estimate",), "a number of seconds")
         return None
     return _nanoseconds("offset", offset, signed=True)
 

@@ -12,7 +12,7 @@ import numpy as np
 from tfdb._core import Reads
 from tfdb._core import open as open_frozen
 from tfdb.data.errors import InvalidArgument, InvalidTransform, NotComparable, RecordingError
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 from tfdb.data.poses import TOO_FAR, found
 from tfdb.recordings.containers import kind_of
 from tfdb.recordings.load import load
@@ -43,7 +43,7 @@ class Reading:
     by_row: bool = False
 
 
-def given_trajectory(
+def to_trajectory(
     given: Any, frames: Frames | None, role: str, parameter: str, reading: Reading
 ) -> Trajectory:
     """Make a trajectory of an argument.
@@ -66,7 +66,7 @@ def given_trajectory(
             f"got {type(given).__name__}",
             value=given,
         )
-    path = given_path(given)
+    path = check_path(given)
     if is_frozen(path):
         return looked_up(open_frozen(path), frames, role, parameter)
     if is_recording(path):
@@ -99,7 +99,7 @@ def _kitti_times(given: Any) -> bool | None:
     """Whether a file of KITTI poses has times beside it; None for all else."""
     if not isinstance(given, str | os.PathLike):
         return None
-    path = given_path(given)
+    path = check_path(given)
     if not path.is_file() or is_frozen(path) or is_recording(path):
         return None
     return kitti_times(path)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
 
-def given_flag(name: str, value: Any) -> bool:
+def check_flag(name: str, value: Any) -> bool:
     """Return the truth value of an argument. Raises InvalidArgument if it has none."""
     try:
         return bool(value)
@@ -24,14 +24,14 @@ def given_flag(name: str, value: Any) -> bool:
         ) from error
 
 
-def given_name(name: str, value: Any) -> str:
+def check_name(name: str, value: Any) -> str:
     """Return a name. Raises TypeError for anything but a str."""
     if not isinstance(value, str):
         raise TypeError(f"{name} must be a str, got {type(value).__name__}")
     return value
 
 
-def given_word(name: str, value: Any, words: Collection[str], more: str = "") -> Any:
+def check_word(name: str, value: Any, words: Collection[str], more: str = "") -> Any:
     """Return one of a few words. Raises InvalidArgument for any other value, with the nearest."""
     if not isinstance(value, str) or value not in words:
         refuse_word(name, value, words, more)

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .argument_checks import given_flag
-from .path_checks import given_path, invalid
+from .argument_checks import check_flag
+from .path_checks import check_path, invalid
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -43,7 +43,7 @@ def new_file(
     it, too) and may not be replaced, or is that of a folder or a device. Raises OSError, with
     `path` as its filename, where the file cannot be written.
     """
-    path = given_path(path, refusal)
+    path = check_path(path, refusal)
     refuse_existing(path, overwrite=overwrite, refusal=refusal)
     target = Path(os.path.realpath(path) if path.is_symlink() else path.absolute())
     work = _unused(target.parent, ".tfdb-")
@@ -98,7 +98,7 @@ def refuse_existing(
     """Raise the error `refusal(path, reason)` unless the file may be written."""
     if not os.path.lexists(path):
         return
-    if not given_flag("overwrite", overwrite):
+    if not check_flag("overwrite", overwrite):
         raise refusal(path, hint)
     # A device or a pipe would be replaced by a file.
     if path.exists() and not stat.S_ISREG(path.stat().st_mode):

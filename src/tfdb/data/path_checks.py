@@ -23,7 +23,7 @@ def invalid(path: Path, reason: str) -> Exception:
     return InvalidArgument(f"{path}: {reason}", path=str(path), reason=reason)
 
 
-def given_path(path: Any, refusal: Refusal = invalid) -> Path:
+def check_path(path: Any, refusal: Refusal = invalid) -> Path:
     """Return the path of a file.
 
     Raises InvalidArgument for what is not a path and for the empty one, which would be the current
@@ -45,10 +45,10 @@ def given_path(path: Any, refusal: Refusal = invalid) -> Path:
     raise refusal(made, NO_NAME)
 
 
-def given_paths(paths: Any, refusal: Refusal = invalid) -> list[Path]:
-    """Return the paths of one file or of several; raises as `given_path`."""
+def check_paths(paths: Any, refusal: Refusal = invalid) -> list[Path]:
+    """Return the paths of one file or of several; raises as `check_path`."""
     one = isinstance(paths, str | bytes | os.PathLike) or not hasattr(paths, "__iter__")
-    return [given_path(path, refusal) for path in ([paths] if one else paths)]
+    return [check_path(path, refusal) for path in ([paths] if one else paths)]
 
 
 def missing_file(path: Path) -> FileNotFoundError:

@@ -16,7 +16,7 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from tfdb.data.argument_checks import given_word
+from tfdb.data.argument_checks import check_word
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.poses import TOO_FAR
 
@@ -133,9 +133,9 @@ def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size:
                 f"draw tfdb.Trajectory, as Buffer.trajectory returns it; got {got}", value=path
             )
     if axes is not None:
-        given_word("axes", axes, PLANES)
+        check_word("axes", axes, PLANES)
     if color is not None:
-        given_word("color", color, COLORS)
+        check_word("color", color, COLORS)
     if labels is not None:
         count = len(labels) if isinstance(labels, list | tuple) else -1
         if count != len(paths) or not all(isinstance(label, str) for label in labels):

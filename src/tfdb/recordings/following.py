@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tfdb import _core
 from tfdb.data.argument_checks import refuse_without
 from tfdb.data.errors import InvalidArgument, RecordingError
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 
 from .load_report import Tally, warn_of_refused
 from .mcap_reader import GrowingMcap
@@ -97,7 +97,7 @@ class Following:
         """Check the arguments."""
         self._started = time.perf_counter()
         refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
-        self._path = given_path(path, RecordingError)
+        self._path = check_path(path, RecordingError)
         _check_seconds("interval", interval)
         if timeout is not None:
             _check_seconds("timeout", timeout)
@@ -157,7 +157,7 @@ def refuse_mixture_so_far(path: PathLike, selection: Selection) -> None:
 
     Raises MixedSources, RecordingError and InvalidArgument.
     """
-    choice, given = selection.choice, given_path(path, RecordingError)
+    choice, given = selection.choice, check_path(path, RecordingError)
     watch = _watch(given, choice, rewriter_without_survey(choice))
     with closing(GrowingMcap(given)) as file:
         for messages, sources in file.read() if watch is not None else ():

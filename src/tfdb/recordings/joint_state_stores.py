@@ -6,7 +6,7 @@ import warnings
 from typing import TYPE_CHECKING, Literal
 
 from tfdb import _core
-from tfdb.data.argument_checks import given_word
+from tfdb.data.argument_checks import check_word
 from tfdb.data.errors import RecordingError, TfdbWarning
 
 from .load import load_into
@@ -65,7 +65,7 @@ def load_joint_states(
         Joints of the model that no state names, joints that it does not have, positions that
         are not finite (they are left out) or beyond their limits, messages that were refused.
     """
-    given_word("limits", limits, ("warn", "raise", "ignore"))
+    check_word("limits", limits, ("warn", "raise", "ignore"))
     buffer = _core.Buffer(history=None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", TfdbWarning)

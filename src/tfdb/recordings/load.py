@@ -6,7 +6,7 @@ import time
 import warnings
 from typing import TYPE_CHECKING
 
-from tfdb.data.argument_checks import given_flag
+from tfdb.data.argument_checks import check_flag
 from tfdb.data.errors import TfdbWarning
 from tfdb.store.forgotten import warn_of_forgotten
 from tfdb.store.summary import clocks, describe_clocks
@@ -76,7 +76,7 @@ def load(
 
     made, paths = selected(load, selection), each_once(path)
     buffer = Buffer(history=None)
-    if not given_flag("cache", cache) or not paths:
+    if not check_flag("cache", cache) or not paths:
         load_into(buffer, paths, made, progress)
         return buffer
     from .cache import Cache  # noqa: PLC0415 - most programs need none

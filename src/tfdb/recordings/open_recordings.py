@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from tfdb import _core
 from tfdb.data.errors import InvalidArgument, RecordingError
-from tfdb.data.path_checks import given_paths
+from tfdb.data.path_checks import check_paths
 from tfdb.data.stamps import format_seconds
 from tfdb.data.suggestions import did_you_mean, no_frame
 
@@ -70,7 +70,7 @@ def open_recordings(files: Paths, selection: Selection) -> OpenRecordings:
 
 def each_once(given: Paths) -> list[Path]:
     """List the paths; refuse one that comes twice."""
-    paths = given_paths(given, RecordingError)
+    paths = check_paths(given, RecordingError)
     seen: set[str] = set()
     for path in paths:
         real = os.path.realpath(path)
@@ -88,7 +88,7 @@ class OpenRecordings:
 
     def __init__(self, files: Paths, selection: Selection) -> None:
         self.choice: Choice = copy(selection.choice)
-        paths = given_paths(files, RecordingError)
+        paths = check_paths(files, RecordingError)
         if not paths:
             raise InvalidArgument("no recording to load: paths is empty")
         with ExitStack() as stack:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from tfdb.data.errors import RecordingError
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 
 from .bag_folder import open_folder
 from .bag_reader import open_bag
@@ -95,7 +95,7 @@ class Recording:
     def __init__(
         self, path: PathLike, *, salvage: bool = False, stamp_unit: Unit | None = None
     ) -> None:
-        self.path: Path = given_path(path, RecordingError)
+        self.path: Path = check_path(path, RecordingError)
         kind = kind_of(self.path)
         if kind == "trajectory":
             self._container = open_trajectory(self.path, salvage=salvage, stamp_unit=stamp_unit)

@@ -9,10 +9,10 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from tfdb._core import Recorded
-from tfdb.data.argument_checks import given_flag, unknown_ending
+from tfdb.data.argument_checks import check_flag, unknown_ending
 from tfdb.data.errors import InvalidArgument, InvalidStamp, RecordingError
 from tfdb.data.new_file import new_file, refuse_existing
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 
 from .container_writers import Connection, open_container
 
@@ -53,11 +53,11 @@ class RecordingWriter:
     """
 
     def __init__(self, path: PathLike, *, compress: bool = False, overwrite: bool = False) -> None:
-        path = given_path(path, RecordingError)
+        path = check_path(path, RecordingError)
         if path.suffix not in SUFFIXES:
             raise RecordingError(path, unknown_ending(str(path), SUFFIXES))
         refuse_existing(path, overwrite=overwrite, refusal=RecordingError)
-        if given_flag("compress", compress) and path.suffix == ".db3":
+        if check_flag("compress", compress) and path.suffix == ".db3":
             raise InvalidArgument(".db3 files are not compressed; write .mcap or .bag")
         self._path = path
         self._compress = compress

@@ -9,7 +9,7 @@ from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
-from tfdb.data.argument_checks import given_flag, given_word
+from tfdb.data.argument_checks import check_flag, check_word
 from tfdb.data.decimal_time import UNITS
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.given_time import time_of
@@ -221,7 +221,7 @@ class Choice:
     """A `Selection` with each value in one form. Raises what that raises."""
 
     def __init__(self, given: Selection) -> None:
-        self.salvage: bool = given_flag("salvage", given.salvage)
+        self.salvage: bool = check_flag("salvage", given.salvage)
         self.start: Time | None = time_of("start", given.start)
         self.end: Time | None = time_of("end", given.end)
         self.frames: tuple[str, ...] | None = (
@@ -240,8 +240,8 @@ class Choice:
         self.joint_topic: str | None = (
             None if given.joint_topic is None else absolute(given.joint_topic)
         )
-        self.by_namespace: bool = given_flag("by_namespace", given.by_namespace)
-        self.mix: bool = given_flag("mix", given.mix)
+        self.by_namespace: bool = check_flag("by_namespace", given.by_namespace)
+        self.mix: bool = check_flag("mix", given.mix)
         if self.mix and self.by_namespace:
             raise InvalidArgument(
                 "mix puts groups of topics together, by_namespace keeps them apart"
@@ -254,7 +254,7 @@ class Choice:
         unit = given.stamp_unit
         self.stamp_unit: Unit | None = None
         if unit is not None:
-            self.stamp_unit = given_word("stamp_unit", unit, UNITS)
+            self.stamp_unit = check_word("stamp_unit", unit, UNITS)
         self.roles: dict[str, str] | None = _roles(given.topics)
         """What each topic is read as; None: all are, as they are called."""
 

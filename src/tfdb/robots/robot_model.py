@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tfdb.data.argument_checks import given_name
+from tfdb.data.argument_checks import check_name
 from tfdb.data.errors import InvalidArgument, TfdbWarning
 from tfdb.data.stamps import shown
 from tfdb.data.types import Columns, TransformStamped
@@ -148,8 +148,8 @@ class RobotModel:
     def __init__(
         self, name: str, links: tuple[str, ...], joints: Mapping[str, Joint], root: str
     ) -> None:
-        self.name: str = given_name("name", name)
-        self.links: tuple[str, ...] = _checked_links(links, joints, given_name("root", root))
+        self.name: str = check_name("name", name)
+        self.links: tuple[str, ...] = _checked_links(links, joints, check_name("root", root))
         self.joints: Mapping[str, Joint] = MappingProxyType(dict(joints))
         self.root = root
         self._single = _SingleJoints(joint for joint in joints.values() if joint.width == 1)

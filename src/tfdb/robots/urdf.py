@@ -12,7 +12,7 @@ import warnings
 from typing import TYPE_CHECKING, NoReturn
 
 from tfdb.data.errors import ModelError, TfdbWarning
-from tfdb.data.path_checks import errors_name, given_path
+from tfdb.data.path_checks import check_path, errors_name
 from tfdb.data.poses import MAX_NORM_ERROR
 from tfdb.data.stamps import shown
 from tfdb.data.suggestions import near_names
@@ -68,7 +68,7 @@ def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
         one of URDF's, a second `<origin>`, `<parent>`, `<child>`, `<axis>`, `<limit>` or `<mimic>`
         of a joint, an unknown version: each is ignored.
     """
-    where = given_path(path, ModelError)
+    where = check_path(path, ModelError)
     with errors_name(where), where.open("rb") as file:
         raw = file.read(MAX_BYTES + 1)
     return _read(raw, str(path))

@@ -13,7 +13,7 @@ import time
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from tfdb.data.argument_checks import given_name
+from tfdb.data.argument_checks import check_name
 from tfdb.data.errors import InvalidArgument, InvalidName
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class Names:
         given = parse_arguments(sys.argv if arguments is None else arguments)
         special = {key: given.pop(key) for key in list(given) if key.startswith("__")}
         name = special.get("__name", name)
-        if BASE.fullmatch(given_name("name", name)) is None:
+        if BASE.fullmatch(check_name("name", name)) is None:
             raise InvalidName(
                 f"{name!r} is not a name of a ROS node: a letter, then letters, digits and _; the"
                 " namespace comes from ROS_NAMESPACE or __ns:=",
@@ -143,7 +143,7 @@ def is_loopback(host: str) -> bool:
 
 def host_and_port(uri: str) -> tuple[str, int]:
     """Both parts of `http://host:port/` or `rosrpc://host:port`. Raises InvalidArgument."""
-    given_name("the URI", uri)
+    check_name("the URI", uri)
     try:
         parts = urlsplit(uri)
         found = parts.hostname, parts.port

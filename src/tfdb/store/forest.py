@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tfdb.data.argument_checks import given_name
+from tfdb.data.argument_checks import check_name
 from tfdb.data.errors import Disconnected
 from tfdb.data.stamps import format_seconds
 
@@ -80,7 +80,7 @@ def _nanoseconds(stamp: StampLike) -> int:
 def _parents(snapshot: Snapshot, stamp: StampLike | None, *names: str) -> Parents:
     """Parents of all frames at a stamp; raise UnknownFrame for names that are none."""
     for name in names:
-        snapshot.parent_of(given_name("a frame's name", name))
+        snapshot.parent_of(check_name("a frame's name", name))
     return {info.name: info.parent for info in snapshot.tree(stamp)}
 
 

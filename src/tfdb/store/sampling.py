@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Literal
 
-from tfdb.data.argument_checks import given_name, given_word
+from tfdb.data.argument_checks import check_name, check_word
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.given_time import stamp_of
 from tfdb.data.poses import found
@@ -43,7 +43,7 @@ def sample(
     """Implements `Buffer.trajectory`: stamps (N,) and poses (N, 7)."""
     _check(missing)
     for name, frame in (("target", target), ("source", source)):
-        given_name(name, frame)
+        check_name(name, frame)
 
     def read(snapshot: Snapshot) -> Samples:
         given = [
@@ -79,7 +79,7 @@ def sample_at(
 
 
 def _check(missing: object) -> None:
-    given_word("missing", missing, _MISSING)
+    check_word("missing", missing, _MISSING)
 
 
 def _sample_at(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from tfdb._core import Buffer, create_store, open_store
 from tfdb._core import unlink_store as unlink_file
-from tfdb.data.argument_checks import given_name, given_word
+from tfdb.data.argument_checks import check_name, check_word
 from tfdb.data.errors import (
     InvalidArgument,
     InvalidName,
@@ -20,7 +20,7 @@ from tfdb.data.errors import (
     StoreExists,
     TfdbError,
 )
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -49,7 +49,7 @@ def path_of(name: Name) -> Path:
     if not sys.platform.startswith("linux"):
         raise NotSupported(f"stores that processes share need Linux; this is {sys.platform}")
     if isinstance(name, os.PathLike):
-        return given_path(name).absolute()
+        return check_path(name).absolute()
     if not isinstance(name, str):
         raise TypeError(f"a store's name is a str or a path, got {type(name).__name__}")
     fault = (
@@ -96,7 +96,7 @@ def open_or_make(
     **made_with: Any,
 ) -> Buffer:
     """Implements `Buffer.open`."""
-    given_word("mode", given_name("mode", mode), ("r", "rw"))
+    check_word("mode", check_name("mode", mode), ("r", "rw"))
     if create is not None and not isinstance(create, bool):
         raise InvalidArgument(f"create is True, False or None, not {create!r}")
     if create and mode == "r":

@@ -16,7 +16,7 @@ from tfdb.ros.times import SECOND, duration, nanoseconds
 from .buffer_interface import BufferInterface
 from .deadlines import deadline_in, wait_until
 from .exceptions import TimeoutException, TransformException
-from .handles import given_node
+from .handles import native_node
 from .lookup_action import NO_ERROR, LookupGoal, action_name, client_in, exception_of
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class BufferClient(BufferInterface):
             given = tuple(rest)
         arguments = _arguments(given, named)
         self._node: Node = node_for(node)
-        self.node: Any = given_node(self._node)
+        self.node: Any = native_node(self._node)
         """The node of rclpy or `tfdb.ros` that it asks from."""
         padding = arguments.get("timeout_padding")
         self.timeout_padding = padding

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from tfdb import _core
 from tfdb._core import CoreCalls
 from tfdb.data import errors
-from tfdb.data.argument_checks import given_name, not_one_of
+from tfdb.data.argument_checks import check_name, not_one_of
 from tfdb.data.errors import (
     Disconnected,
     Extrapolation,
@@ -57,7 +57,7 @@ def _by_role(target: str, source: str, fixed: str | None = None) -> dict[str, st
 def _check_text(names: dict[str, str]) -> None:
     """Raise TypeError for the first of some names, by role, that is not a str."""
     for role, name in names.items():
-        given_name(role, name)
+        check_name(role, name)
 
 
 class BufferCore(CoreCalls):
@@ -126,8 +126,8 @@ class BufferCore(CoreCalls):
 
     def _question(self, target_frame: str, source_frame: str, time: Any) -> Question:
         """Frames and stamp of a lookup's arguments. Raises TypeError."""
-        given_name("target_frame", target_frame)
-        given_name("source_frame", source_frame)
+        check_name("target_frame", target_frame)
+        check_name("source_frame", source_frame)
         return target_frame, source_frame, self._nanoseconds(time)
 
     def _full(
@@ -140,7 +140,7 @@ class BufferCore(CoreCalls):
     ) -> Full:
         """Frames and stamps of a full lookup's arguments. Raises TypeError."""
         target, source, target_stamp = self._question(target_frame, source_frame, target_time)
-        given_name("fixed_frame", fixed_frame)
+        check_name("fixed_frame", fixed_frame)
         return target, target_stamp, source, self._nanoseconds(source_time), fixed_frame
 
     def _set_flavor(self, flavor: Flavor | None) -> None:
@@ -450,7 +450,7 @@ class BufferCore(CoreCalls):
 
     def _frameExists(self, frame_id: str) -> bool:  # noqa: N802 - tf2's name
         """Whether there is a frame of that name."""
-        return self._buffer.frame_exists(given_name("frame_id", frame_id))
+        return self._buffer.frame_exists(check_name("frame_id", frame_id))
 
     def _getFrameStrings(self) -> list[str]:  # noqa: N802 - tf2's name
         """Return the names of all frames, sorted."""

@@ -12,10 +12,10 @@ from tfdb import _core
 if TYPE_CHECKING:
     from tfdb.ros import Encoding, Node
 
-__all__ = ["given_node", "handle_of"]
+__all__ = ["handle_of", "native_node"]
 
 
-def given_node(node: Node) -> Any:
+def native_node(node: Node) -> Any:
     """Return the node of rclpy that a node stands for, or else the node."""
     return getattr(node, "given", node)
 

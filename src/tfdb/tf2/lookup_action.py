@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from tfdb.data.argument_checks import given_name
+from tfdb.data.argument_checks import check_name
 from tfdb.data.errors import NotSupported
 
 from .exceptions import (
@@ -100,7 +100,7 @@ class LookupResult:
 
 def action_name(ns: Any) -> str:
     """Return the name of an action. Raises TypeError, InvalidArgumentException."""
-    if not given_name("ns", ns):
+    if not check_name("ns", ns):
         text = "ns is the name of an action, such as tf2_buffer_server, got ''"
         raise InvalidArgumentException(text, value=ns)
     return str(ns)

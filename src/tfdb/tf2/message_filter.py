@@ -12,7 +12,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from tfdb import _core
-from tfdb.data.argument_checks import given_name, refuse_without
+from tfdb.data.argument_checks import check_name, refuse_without
 from tfdb.data.errors import TfdbError
 from tfdb.data.stamps import shown
 from tfdb.ros.times import duration, nanoseconds
@@ -154,7 +154,7 @@ class MessageFilter:
         """Set the target frames; waiting messages are checked again."""
         refuse_without(target_frame, "target_frame", "a frame name or several", "__iter__")
         names = [target_frame] if isinstance(target_frame, str) else [*target_frame]
-        targets = tuple(given_name("a target frame", name).removeprefix("/") for name in names)
+        targets = tuple(check_name("a target frame", name).removeprefix("/") for name in names)
         if not targets or not all(map(_core.Buffer._may_be_frame, targets)):
             text = (
                 "target frames have names of 1 to 1024 bytes without control characters, "
@@ -196,7 +196,7 @@ class MessageFilter:
     def add(self, message: Any) -> None:
         """Add a message, whose header has its frame and stamp."""
         refuse_without(message, "message", "a message with a header", "header")
-        frame = given_name("header.frame_id", message.header.frame_id).removeprefix("/")
+        frame = check_name("header.frame_id", message.header.frame_id).removeprefix("/")
         if not frame:
             self._drop(message, FilterFailureReason.EmptyFrameID)
             return

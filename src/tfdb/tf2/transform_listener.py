@@ -15,7 +15,7 @@ from tfdb.ros.times import SECOND
 
 from .buffer import Buffer
 from .buffer_core import BufferCore
-from .handles import given_node, handle_of
+from .handles import handle_of, native_node
 from .message_checks import refuse_unlike
 from .received_messages import SETTERS, UNKNOWN, received, sink_of
 from .transform_broadcaster import KIND
@@ -111,7 +111,7 @@ class TransformListener:
             node, queue_size = None, node
         refuse_without(buffer, "buffer", "a tfdb.tf2.Buffer, or what stores transforms", *SETTERS)
         self._node = self._clock = listening = node_for(node, own_thread=spin_thread)
-        self.node = given_node(listening)
+        self.node = native_node(listening)
         self._now = listening.now()
         self.buffer = buffer
         topics = [("tf_static_sub", tf_static_topic, static_qos)]

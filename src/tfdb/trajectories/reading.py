@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 import numpy as np
 
 from tfdb._core import poses_of_matrices
-from tfdb.data.argument_checks import given_flag, not_one_of
+from tfdb.data.argument_checks import check_flag, not_one_of
 from tfdb.data.decimal_time import NS_PER_SECOND, UNITS, Unit, units_to_ns
 from tfdb.data.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
-from tfdb.data.path_checks import errors_name, given_path
+from tfdb.data.path_checks import check_path, errors_name
 from tfdb.data.poses import doubles
 
 from .columns import layout_of
@@ -69,8 +69,8 @@ def read_with_rows(
     given: object = format
     if given is not None and not (isinstance(given, str) and given in FORMATS):
         raise TrajectoryError(path, None, not_one_of("format", format, FORMATS))
-    salvage, unit = given_flag("salvage", salvage), checked_unit(path, stamp_unit)
-    path = given_path(path, _refusal)
+    salvage, unit = check_flag("salvage", salvage), checked_unit(path, stamp_unit)
+    path = check_path(path, _refusal)
     raw = _read(path)
     kind: str | None = format
     if kind is None:
@@ -87,7 +87,7 @@ def read_with_rows(
     lines = Lines(path, raw, salvage=salvage)
     layout = None if kind == "kitti" else layout_of(lines, kind)
     if layout is None:
-        beside = _find_times(path) if times is None else given_path(times, _refusal)
+        beside = _find_times(path) if times is None else check_path(times, _refusal)
         if beside is None and not by_row:
             raise _no_times(path)
         stamps, poses, report = _read_kitti(lines, beside, unit, salvage=salvage)

@@ -17,7 +17,7 @@ from tfdb.data.argument_checks import not_one_of, refuse_without
 from tfdb.data.decimal_time import ns_to_seconds
 from tfdb.data.errors import TrajectoryError
 from tfdb.data.new_file import new_file, refuse_existing
-from tfdb.data.path_checks import given_path
+from tfdb.data.path_checks import check_path
 from tfdb.data.poses import matrices, missing
 
 from . import tables
@@ -93,10 +93,10 @@ def write_kitti(
     """
     stamps, poses = _there(trajectory)
     rows = matrices(poses)[:, :3].reshape(-1, 12).tolist()
-    where = given_path(path, _refusal)
+    where = check_path(path, _refusal)
     beside = where.with_name(f"{where.stem}_times.txt")
     if times is not None:
-        beside = given_path(times, _refusal)
+        beside = check_path(times, _refusal)
     if os.path.realpath(beside) == os.path.realpath(where):
         raise _refusal(where, "the stamps need a file of their own")
     with new_file(where, overwrite=overwrite, refusal=_refusal) as made:
@@ -121,7 +121,7 @@ def write_parquet(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool
     Raises NotSupported where polars is not installed.
     """
     _refuse_others(trajectory)
-    where = given_path(path, _refusal)
+    where = check_path(path, _refusal)
     refuse_existing(where, overwrite=overwrite, refusal=_refusal)
     named = getattr(trajectory, "target", "world"), getattr(trajectory, "source", "body")
     tables.write_parquet(where, named, trajectory.stamps, trajectory.poses, overwrite=overwrite)
@@ -159,7 +159,7 @@ def write_trajectory(
     unless `overwrite`; `OSError` where the file cannot be written. Then what the name had is still
     there.
     """
-    suffix = given_path(path, _refusal).suffix.lower()
+    suffix = check_path(path, _refusal).suffix.lower()
     name: object = format
     if name is None:
         name = {".txt": "tum"}.get(suffix, suffix.removeprefix("."))

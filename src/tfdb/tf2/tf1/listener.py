@@ -8,7 +8,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from tfdb import _core
-from tfdb.data.argument_checks import given_name
+from tfdb.data.argument_checks import check_name
 from tfdb.ros.ros_messages import fill_header
 
 from .. import geometry, transform_listener
@@ -39,7 +39,7 @@ Pose = tuple[list[float], list[float]]
 
 def strip_leading_slash(s: str) -> str:
     """Drop one '/' before a frame's name."""
-    return given_name("a frame's name", s).removeprefix("/")
+    return check_name("a frame's name", s).removeprefix("/")
 
 
 def xyz_to_mat44(pos: Any) -> npt.NDArray[np.float64]:
