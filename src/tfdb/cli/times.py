@@ -9,9 +9,9 @@ import click
 
 import tfdb
 from tfdb.data.decimal_time import NS_PER_SECOND
-from tfdb.data.given_time import Time, read_length, read_offset, read_time, read_unsigned
 from tfdb.data.stamps import MAX_STAMP
 from tfdb.data.suggestions import near_names
+from tfdb.data.time_arguments import Time, read_length, read_offset, read_time, read_unsigned
 from tfdb.data.time_text import _EPOCH_NS
 
 from . import output

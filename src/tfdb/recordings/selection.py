@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from tfdb.data.argument_checks import check_flag, check_word
 from tfdb.data.decimal_time import UNITS
 from tfdb.data.errors import InvalidArgument
-from tfdb.data.given_time import time_of
 from tfdb.data.signatures import describe_misfit, read_signature
 from tfdb.data.stamps import shown
+from tfdb.data.time_arguments import time_of
 
 from .containers import JOINT_STATE
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tfdb.data.decimal_time import Unit
-    from tfdb.data.given_time import Time
     from tfdb.data.stamps import StampLike
+    from tfdb.data.time_arguments import Time
     from tfdb.data.types import PoseTopics, Topics
     from tfdb.robots.robot_model import RobotModel
 

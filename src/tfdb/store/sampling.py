@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tfdb.data.argument_checks import check_name, check_word
 from tfdb.data.errors import InvalidArgument
-from tfdb.data.given_time import stamp_of
 from tfdb.data.poses import found
 from tfdb.data.stamps import MAX_STAMP, shown
+from tfdb.data.time_arguments import stamp_of
 
 from .explain import from_one_state
 from .summary import span

@@ -13,9 +13,9 @@ from tfdb.data.errors import (
     NoSampleNear,
     NotSupported,
 )
-from tfdb.data.given_time import time_of
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import MAX_STAMP, check_increasing, format_seconds, increasing_stamps, shown
+from tfdb.data.time_arguments import time_of
 from tfdb.data.types import Columns, Twist
 
 from .arguments import are_many, are_none, chains, check_chain, nanoseconds_of, tolerance
