@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from .lazy_names import belong_to
 
 if TYPE_CHECKING:
-    from .refused import Refused
+    from .refused_transforms import Refused
 
 __all__ = [
     "BufferClosed",

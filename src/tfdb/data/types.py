@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, T
 from .argument_checks import refuse_without
 from .errors import InvalidArgument, InvalidArray
 from .lazy_names import belong_to
-from .refused import Refusal, Refused, RefusedEdge
+from .refused_transforms import Refusal, Refused, RefusedEdge
 
 if TYPE_CHECKING:
     import os

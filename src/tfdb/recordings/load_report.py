@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from tfdb import _core
 from tfdb.data.counting import counted
 from tfdb.data.errors import RecordingError, TfdbWarning
-from tfdb.data.refused import RefusedEdge
+from tfdb.data.refused_transforms import RefusedEdge
 
 from .static_conflicts import way_on
 

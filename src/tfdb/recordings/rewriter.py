@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypedDict
 from tfdb import _core
 from tfdb.data.counting import counted
 from tfdb.data.errors import TfdbError, TfdbWarning, UnknownFrame
-from tfdb.data.refused import Refused
+from tfdb.data.refused_transforms import Refused
 from tfdb.data.stamps import format_seconds
 from tfdb.data.suggestions import did_you_mean, first_few, no_frame
 

@@ -15,7 +15,7 @@ from .selection import absolute
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from tfdb.data.refused import RefusedEdge
+    from tfdb.data.refused_transforms import RefusedEdge
 
     from .containers import Source
     from .open_recordings import OpenRecordings

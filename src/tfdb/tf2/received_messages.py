@@ -19,7 +19,7 @@ from .buffer_core import BufferCore
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from tfdb.data.refused import Refused
+    from tfdb.data.refused_transforms import Refused
     from tfdb.ros import Encoding, Node
 
 __all__ = ["SETTERS", "UNKNOWN", "BufferWriter", "Sink", "decoded", "received", "sink_of"]
