@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .data.policies import Policy
-from .data.refused import Refusal, Refused, RefusedEdge
+from .data.refused_transforms import Refusal, Refused, RefusedEdge
 from .data.stamps import RosTime, StampLike, StampsLike
 from .data.types import (
     AsQuat,

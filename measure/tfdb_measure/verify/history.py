@@ -45,7 +45,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfdb.data.errors import FileError
-from tfdb.data.path_checks import errors_name, given_path
+from tfdb.data.path_checks import check_path, errors_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -132,7 +132,7 @@ def load_history(path: str | Path) -> History:
     OSError
         Where the file cannot be read.
     """
-    file = given_path(path)
+    file = check_path(path)
     with errors_name(file), file.open("rb") as lines:
         return parse_history(lines, str(path))
 
