@@ -37,7 +37,10 @@ nb::object enough_rows(nb::handle stamps, nb::handle poses, double metres, doubl
 
 void bind_adaptive(nb::module_& module) {
     module.def("_enough_rows", &enough_rows, nb::arg("stamps"), nb::arg("poses"), nb::arg("metres"),
-               nb::arg("radians"));
+               nb::arg("radians"),
+               nb::sig("def _enough_rows(stamps: numpy.typing.NDArray[numpy.int64], poses: "
+                       "numpy.typing.NDArray[numpy.float64], metres: float, radians: float) -> "
+                       "numpy.typing.NDArray[numpy.int64]"));
 }
 
 }  // namespace tfdb::python

@@ -117,9 +117,8 @@ void create_shared(nb::handle path, nb::handle history, nb::handle max_frames,
 constexpr StampNs kNoTimeout = std::numeric_limits<StampNs>::max();
 
 nb::object made_of(Buffer opened, nb::handle clock) {
-    nb::object made = nb::inst_alloc(nb::type<BufferObject>());
-    auto* const object = new (nb::inst_ptr<BufferObject>(made)) BufferObject(std::move(opened));
-    nb::inst_mark_ready(made);
+    nb::object made = make_offered<BufferObject>(std::move(opened));
+    auto* const object = nb::inst_ptr<BufferObject>(made);
     object->buffer = made.ptr();
     if (!clock.is_none()) {
         object->clock = nb::borrow(clock);
@@ -267,7 +266,7 @@ nb::object memory(BufferObject& self) {
 nb::object snapshot(nb::handle self) {
     BufferObject& buffer = object_of<BufferObject>(self);
     check_not_in_transaction(buffer);
-    nb::object made = nb::cast(SnapshotObject{});
+    nb::object made = make_offered<SnapshotObject>();
     auto* object = nb::inst_ptr<SnapshotObject>(made);
     {
         const LongWork work(buffer.reasons.to_wait());
@@ -321,34 +320,6 @@ PyType_Slot g_slots[] = {
     {Py_tp_clear, reinterpret_cast<void*>(clear_references)},
     {0, nullptr},
 };
-
-constexpr const char* kBufferDoc = R"(A store of time-stamped transforms between named frames.
-
-Any number of threads may read and write at once. A read is answered from one committed state and
-never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide and write
-in isolation from all other writers.
-
-Parameters
-----------
-history
-    Seconds to keep behind each edge's newest stamp; None keeps everything.
-max_frames
-    Largest number of frames.
-memory_limit
-    Largest size of the store in bytes; None: the machine's memory.
-snapshot_memory
-    Largest size in bytes up to which it grows to keep held snapshots readable.
-clock
-    Function that returns the time in nanoseconds, for
-    `lookup_latest_transform(max_age=...)`. None: the system's clock.
-concurrency
-    Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
-    The others are research engines to compare with: `giant` (one
-    mutex for everything), `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until
-    the end), `silo` (checks at the end what it read), and `fine` (a lock on each frame, taken one
-    after the other), in which batches and transactions are not isolated.
-
-Raises InvalidArgument, CapacityExceeded.)";
 
 constexpr const char* kSetTransformsDoc =
     R"(Store a batch of transforms T[parent<-child] in one commit: all or nothing.
@@ -522,7 +493,7 @@ void bind_shared(nb::module_& module) {
 }  // namespace
 
 void bind_buffer(nb::module_& module) {
-    auto type = offered_class<BufferClass>(module, "Buffer", kBufferDoc, nb::type_slots(g_slots));
+    auto type = native_class<BufferClass>(module, "Buffer", nb::type_slots(g_slots));
     type.def("__init__", &init,
              nb::sig("def __init__(self, history: float | None = 10.0, *, max_frames: int = "
                      "1048575, memory_limit: int | None = None, snapshot_memory: int = "
@@ -530,7 +501,6 @@ void bind_buffer(nb::module_& module) {
                      "concurrency: tfdb.types.Concurrency = 'snapshot') -> None"));
     type.def_prop_ro("shared", &shared, nb::sig("def shared(self) -> tfdb.types.Shared | None"),
                      "Facts about a shared store; None if the store is private to this process.");
-    add_raw_reads(type);
     bind_writes(type);
     bind_changes(type);
     bind_waits(type);

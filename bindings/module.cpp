@@ -28,8 +28,8 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_buffer(module);
     tfdb::python::bind_messages(module);
     tfdb::python::bind_tf2_calls(module);
+    tfdb::python::bind_helpers(module);
     tfdb::python::add_signatures(module);
-    tfdb::python::add_python_methods(module);
 }
 #undef PyInit__core
 

@@ -13,6 +13,7 @@
 #include "records.hpp"
 #include "signatures.hpp"
 #include "stamp.hpp"
+#include "transaction.hpp"
 #include "transform.hpp"
 
 namespace tfdb::python {
@@ -230,16 +231,8 @@ PyType_Slot g_snapshot_slots[] = {
 };
 
 void bind_snapshot(nb::module_& module) {
-    auto type =
-        offered_class<nb::class_<SnapshotObject, ReadsObject>>(module, "Snapshot", R"(Snapshot()
---
-
-One committed state.
-
-`Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is written
-meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
-Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.)",
-                                                               nb::type_slots(g_snapshot_slots));
+    auto type = native_class<nb::class_<SnapshotObject, ReadsObject>>(
+        module, "Snapshot", nb::type_slots(g_snapshot_slots));
     refuse_construction<SnapshotObject>(type, "Buffer.snapshot() makes snapshots");
     type.def("close", &close, nb::sig("def close(self) -> None"),
              "Release the samples that only this snapshot needs. A second call does nothing.");
@@ -261,7 +254,21 @@ Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed 
         return "<tfdb.Snapshot of commit " + std::to_string(commit_of(object)) +
                (object.reads == nullptr ? ", closed>" : ">");
     });
-    add_raw_reads(type);
+}
+
+void adopt_classes(nb::handle buffer, nb::handle snapshot, nb::handle transaction) {
+    g_offered<BufferObject> = buffer;
+    g_offered<SnapshotObject> = snapshot;
+    g_offered<TransactionObject> = transaction;
+    const nb::module_ module = nb::module_::import_("tfdb._core");
+    for (const nb::handle type : {buffer, snapshot, transaction}) {
+        module.attr(type.attr("__name__")) = type;
+    }
+    add_raw_reads(buffer);
+    add_raw_waits(buffer);
+    add_raw_writes(buffer);
+    add_raw_reads(snapshot);
+    add_raw_transaction_writes(transaction);
 }
 
 }  // namespace
@@ -327,7 +334,7 @@ Each call on a Buffer is answered from one fresh snapshot; each call on a Snapsh
     bind_snapshot(module);
 }
 
-void add_python_methods(nb::module_& module) {
+void bind_helpers(nb::module_& module) {
     module.def(
         "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
         nb::arg("stamp").none(), nb::sig("def to_nanoseconds(stamp: tfdb.types.StampLike) -> int"),
@@ -352,21 +359,11 @@ void add_python_methods(nb::module_& module) {
                 "missing: bool = False) -> numpy.typing.NDArray[numpy.float64]"),
         "Poses (N, 7) of matrices (N, 4, 4), w not below 0; NaN of those that are NaN as a "
         "whole, if they may be missing. Raises InvalidArray, InvalidTransform with `index`.");
-    const nb::object methods = nb::module_::import_("tfdb.methods").attr("METHODS");
-    for (const auto [owner, named] : nb::cast<nb::dict>(methods)) {
-        const nb::object type = module.attr(owner);
-        for (const auto [name, method] : nb::cast<nb::dict>(named)) {
-            const bool hidden = nb::cast<std::string>(name).starts_with('_');
-            if (hidden) {
-                type.attr(name) = method;
-            } else if (nb::hasattr(method, "__func__")) {
-                const nb::object shared = nb::module_::import_("builtins").attr("staticmethod");
-                type.attr(name) = shared(checked_function(method.attr("__func__")));
-            } else {
-                type.attr(name) = checked_function(method);
-            }
-        }
-    }
+    module.def("adopt_classes", &adopt_classes, nb::arg("buffer"), nb::arg("snapshot"),
+               nb::arg("transaction"),
+               nb::sig("def adopt_classes(buffer: type[Buffer], snapshot: type[Snapshot], "
+                       "transaction: type[Transaction]) -> None"),
+               "Make objects of these subclasses of the native classes from now on.");
 }
 
 }  // namespace tfdb::python

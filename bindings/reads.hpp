@@ -191,11 +191,29 @@ void check_not_in_transaction(const ReadsObject& object);
 /// Throws TypeError: `self` is not an `expected`, or, where that is null, its __init__ never ran.
 [[noreturn]] void throw_not_made(nb::handle self, const char* expected);
 
+/// The class that `tfdb` offers for these objects: Python's subclass where it has one.
+template <class Object>
+inline nb::handle g_offered;  // null: none was adopted
+
+template <class Object>
+nb::handle offered_type() {
+    return g_offered<Object>.is_valid() ? g_offered<Object> : nb::type<Object>();
+}
+
+/// An object of that class.
+template <class Object, class... Args>
+nb::object make_offered(Args&&... args) {
+    nb::object made = nb::inst_alloc(offered_type<Object>());
+    new (nb::inst_ptr<Object>(made)) Object{std::forward<Args>(args)...};
+    nb::inst_mark_ready(made);
+    return made;
+}
+
 /// The object behind `self`. Throws TypeError if it is of another class or its __init__ never ran.
 template <class Object>
 Object& object_of(nb::handle self) {
     if (!nb::isinstance<Object>(self)) {
-        throw_not_made(self, nb::type_name(nb::type<Object>()).c_str());
+        throw_not_made(self, nb::type_name(offered_type<Object>()).c_str());
     }
     if (!nb::inst_ready(self)) {
         throw_not_made(self, nullptr);
@@ -213,19 +231,20 @@ inline ReadsObject& made_reads(PyObject* self) {
 
 void bind_signals();
 void bind_reads(nb::module_& module);
-/// The methods that bypass nanobind, on Reads, Buffer and Snapshot.
+/// The methods that bypass nanobind: of Reads, of Buffer, of Transaction. They are on the classes
+/// that `tfdb` offers as well, which makes calls faster.
 void add_raw_reads(nb::handle type);
 void add_raw_batch(nb::handle type);
-/// The same, on Buffer.
 void add_raw_waits(nb::handle type);
+void add_raw_writes(nb::handle type);
+void add_raw_transaction_writes(nb::handle type);
 void bind_batch(nb::class_<ReadsObject>& type);
 void bind_records(nb::class_<ReadsObject>& type);
 void bind_buffer(nb::module_& module);
 void bind_changes(nb::class_<BufferObject, ReadsObject>& type);
 void bind_waits(nb::class_<BufferObject, ReadsObject>& type);
-void add_raw_writes(nb::handle type);
-/// The methods that are written in Python.
-void add_python_methods(nb::module_& module);
+/// `adopt_classes`, and functions that modules in Python use.
+void bind_helpers(nb::module_& module);
 void bind_policy(nb::module_& module);
 void bind_adaptive(nb::module_& module);
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);

@@ -3,6 +3,7 @@
 
 #include <nanobind/nanobind.h>
 
+#include <string>
 #include <utility>
 
 namespace nb = nanobind;
@@ -35,6 +36,17 @@ Class offered_class(nb::module_& module, const char* name, const char* doc, Rest
     module.attr("__name__") = "tfdb";
     Class made(module, name, doc, std::forward<Rest>(rest)...);
     module.attr("__name__") = own;
+    return made;
+}
+
+/// The native base of a class of Python that `tfdb` offers: its methods say that they are of that.
+template <class Class, class... Rest>
+Class native_class(nb::module_& module, const std::string& offered, Rest&&... rest) {
+    const std::string name = "Native" + offered;
+    const std::string doc = "The native part of `" + offered + "`.";
+    Class made =
+        offered_class<Class>(module, name.c_str(), doc.c_str(), std::forward<Rest>(rest)...);
+    made.attr("__qualname__") = offered;
     return made;
 }
 

@@ -298,8 +298,8 @@ PyObject* answer_by(PyObject* self, PyObject* const* args, Py_ssize_t count, PyO
             bind<5>(kList, args, count, keywords);
         Plain plain;
         // What a subclass of Buffer does is not known.
-        if (nb::handle(Py_TYPE(buffer)).is(nb::type<BufferObject>()) && nb::inst_ready(buffer) &&
-            is_message_maker(maker)) {
+        if (nb::handle(Py_TYPE(buffer)).is(offered_type<BufferObject>()) &&
+            nb::inst_ready(buffer) && is_message_maker(maker)) {
             plain.buffer = Py_NewRef(buffer);
             plain.maker = Py_NewRef(maker);
             plain.only_time = only_time == Py_None ? nullptr : Py_NewRef(only_time);

@@ -377,31 +377,8 @@ nb::object attempt(nb::handle self, nb::handle priority, bool alone, std::uint64
     options.priority = priority_of(priority);
     options.alone = alone;
     options.age = age;
-    nb::object made = nb::inst_alloc(nb::type<TransactionObject>());
-    new (nb::inst_ptr<TransactionObject>(made)) TransactionObject(self, options);
-    nb::inst_mark_ready(made);
-    return made;
+    return make_offered<TransactionObject>(self, options);
 }
-
-constexpr const char* kDoc = R"(Transaction()
---
-
-Read, decide and write in isolation from all other writers.
-
-`Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store and,
-over it, what the transaction itself has written. Leaving the block commits: all writes become
-visible at once. After an exception or `abort()` nothing is stored.
-
-Conflict, from any call or from the end of the block: another commit changed what was read, in a
-way that could change an answer (a sample, a parent, a frame that came or went). Nothing was stored
-then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
-`Buffer(concurrency='fine')` nothing is checked.
-
-Only the thread that began it may use it (WrongThread); what is open when that thread ends is
-aborted. Meanwhile that thread must not write to the Buffer itself, read from it or begin another
-transaction in it (TransactionActive): nothing would notice if what it read there had changed at the
-commit. Snapshots taken before may be read, in the engine `snapshot`. After its end every call
-raises TransactionClosed.)";
 
 constexpr const char* kReparentDoc =
     R"(Give `child` another parent, from a stamp on.
@@ -538,7 +515,7 @@ void bind_frames(TransactionClass& type) {
 }
 
 void bind_transaction_writes(TransactionClass& type) {
-    add_raw_method(type, g_set_transform);
+    add_raw_transaction_writes(type);
     type.def(
         "set_static_transform", &set_static_transform, nb::arg("parent").none(),
         nb::arg("child").none(), nb::arg("translation").none(), nb::arg("rotation") = nb::none(),
@@ -608,9 +585,13 @@ Aborting twice does nothing. Raises TransactionClosed if it was committed, or ne
 
 }  // namespace
 
+void add_raw_transaction_writes(nb::handle type) {
+    add_raw_method(type, g_set_transform);
+}
+
 void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
     auto transaction =
-        offered_class<TransactionClass>(module, "Transaction", kDoc, nb::type_slots(g_slots));
+        native_class<TransactionClass>(module, "Transaction", nb::type_slots(g_slots));
     refuse_construction<TransactionObject>(
         transaction, "Buffer.transaction() and Buffer.run() make transactions");
     bind_lookups(transaction);

@@ -509,7 +509,8 @@ void bind_transform(nb::module_& module) {
     const nb::handle made(type);
     made.attr("__array_ufunc__") = nb::none();  // numpy leaves `array @ T` to us
     module.attr("Transform") = made;
-    module.def("_restore_transform", &restore);
+    module.def("_restore_transform", &restore,
+               nb::sig("def _restore_transform(*state: object) -> Transform"));
 }
 
 }  // namespace tfdb::python

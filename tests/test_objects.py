@@ -73,6 +73,43 @@ def test_a_buffer_may_be_subclassed() -> None:
         assert snapshot.can_transform("map", "base")
 
 
+def test_every_store_that_tfdb_returns_is_an_object_of_its_classes(tmp_path: Path) -> None:
+    made = tfdb.Buffer(history=None)
+    made.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    made.freeze(tmp_path / "frozen.tfdb")
+    frozen = tfdb.open(tmp_path / "frozen.tfdb")
+    thawed = pickle.loads(pickle.dumps(made))
+    for buffer in (made, frozen, thawed, tfdb.tf2.BufferCore().buffer):
+        assert type(buffer) is tfdb.Buffer
+        assert type(buffer.snapshot()) is tfdb.Snapshot
+        assert type(buffer.transaction()) is tfdb.Transaction
+    assert type(frozen.trajectory("map", "base")) is tfdb.Trajectory
+
+
+def test_a_subclass_of_a_buffer_may_have_mixins_and_attributes() -> None:
+    class Counted:
+        """Counts its calls."""
+
+        calls = 0
+
+        def lookup_transform(self, *given: object) -> tfdb.Transform:
+            self.calls += 1
+            return super().lookup_transform(*given)  # type: ignore[misc, no-any-return]
+
+    class Mine(Counted, tfdb.Buffer):
+        itself: tfdb.Buffer
+
+    mine = Mine(history=None)
+    mine.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    assert mine.lookup_transform("map", "base").stamp == 5
+    assert (mine.calls, mine.children("map"), len(mine)) == (1, ["base"], 2)
+    mine.itself = mine
+    alive = weakref.ref(mine)
+    del mine
+    gc.collect()
+    assert alive() is None
+
+
 def test_a_buffer_without_init_raises() -> None:
     raw = tfdb.Buffer.__new__(tfdb.Buffer)
     for call in (

@@ -78,10 +78,11 @@ print(Trajectory is tfdb.Trajectory)
     assert before == str(
         [
             "tfdb._core",
+            "tfdb.buffer",
             "tfdb.data",
             "tfdb.data.errors",
             "tfdb.data.lazy_names",
-            "tfdb.methods",
+            "tfdb.reads",
         ]
     )
     assert (some, everything) == ("False True", "True")

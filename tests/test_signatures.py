@@ -109,7 +109,8 @@ def stub_methods(name: str) -> dict[str, ast.FunctionDef | ast.AsyncFunctionDef]
     }  # fmt: skip
 
 
-OFFERED = ["Policy", "Reads", "Buffer", "Snapshot", "Transaction", "Transform"]
+NATIVE = ["NativeBuffer", "NativeSnapshot", "NativeTransaction"]
+OFFERED = ["Policy", "Reads", "Transform", *NATIVE]
 CALLS = {"CoreCalls": tfdb.tf2.BufferCore, "BufferCalls": tfdb.tf2.Buffer}
 
 

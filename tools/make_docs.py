@@ -30,7 +30,8 @@ STUB = ROOT / "src" / "tfdb" / "_core.pyi"
 CONFIGURATION = ROOT / "tools" / "site"
 ROOMS = ("comparing", "errors", "plot", "recordings", "robots", "store.summary", "trajectories")
 MODULES = ("tfdb", "tfdb.types", *(f"tfdb.{room}" for room in ROOMS))
-UNLISTED = ("Reads", "Policy")  # base classes of the extension, which `tfdb` does not export
+# Base classes, which `tfdb` does not export.
+UNLISTED = ("Freezable", "Policy", "Reads", "SharedReads")
 UNLISTED_LINK = re.compile(rf'<a href="#(?:{"|".join(UNLISTED)})(?:\.\w+)?">(.*?)</a>')
 # Unions that would take half a page where a name says it.
 ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|(?:Pose)?Topics|Progress)\b")
@@ -38,15 +39,20 @@ HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n---+\n+", re.MULTILINE)
 # Lines from the margin, and what is written below them, further in.
 ENTRY = re.compile(r"((?:^\S.*\n?)+)((?:^(?:[ ]+.*)?\n|^[ ]+.*\Z)*)", re.MULTILINE)
 ERROR = re.compile(rf"\b({'|'.join(tfdb.data.errors.__all__)})\b(?!\()")
+OFFERED = re.compile(r"^from tfdb import \($.*?^\)$", re.MULTILINE | re.DOTALL)
 CONSTRUCTOR = re.compile(r"^(    def __init__\(.*\) -> None): \.\.\.$", re.MULTILINE)
 
 
 def readable_stub() -> str:
-    """Return the extension's stub as Python that pdoc can run, with short names for long types."""
+    """Return the extension's stub as Python that pdoc can run, with short names for long types.
+
+    Native methods are in the classes that offer them.
+    """
     stub = STUB.read_text(encoding="utf-8")
     names = sorted(set(ALIAS.findall(stub)))
     aliases = [f'{name} = typing.NewType("{name}", object)' for name in names]
     stub = CONSTRUCTOR.sub(r'\1: """As above."""', ALIAS.sub(r"\1", stub))
+    stub = OFFERED.sub("", stub).replace("class Native", "class ")
     stub = stub.replace("    @overload\n", "")  # the last one, which says it all, is shown
     return "\n".join(
         ["from __future__ import annotations", "import typing", *aliases, stub, "import tfdb"]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import ast
 import difflib
-import re
 import subprocess
 import sys
 import tempfile
@@ -40,20 +39,23 @@ class Selected(TypedDict, total=False):
     """Keywords that make a `Selection`."""
 
 '''
-# What a stub of the extension calls the types of fields.
-QUALIFIED = {"RobotModel": "tfdb.robots.RobotModel"} | {
-    name: f"tfdb.types.{name}" for name in ("PoseTopics", "StampLike", "Topics")
-}
-# stubgen takes what says that it is of `tfdb` for an import from there.
+# stubgen takes what says that it is of `tfdb` for an import from there, as Python's classes are.
 PROGRAM = """
 from nanobind import stubgen
 import tfdb._core
+NATIVE = ("Policy", "Reads", "NativeBuffer", "NativeSnapshot", "NativeTransaction", "Transform")
+# Types of C cannot say that they are of another module.
+bases = ()
+for name in ("CoreCalls", "BufferCalls"):
+    bases = (type(name, bases, dict(vars(getattr(tfdb._core, name)), __module__="tfdb._core")),)
+    setattr(tfdb._core, name, bases[0])
 for kind in vars(tfdb._core).values():
-    if isinstance(kind, type) and kind.__module__ == "tfdb" and kind is not tfdb._core.Transform:
+    if isinstance(kind, type) and kind.__name__ in NATIVE:
         kind.__module__ = "tfdb._core"
         for name, method in list(vars(kind).items()):
             if type(method).__name__ == "Method":
                 setattr(kind, name, method.__wrapped__)
+tfdb._core.Transform.__nb_signature__ = "@typing.final\\nclass Transform"
 def get(thing, name, *default):
     found = getattr(thing, name, *default)
     return "tfdb._core" if name == "__module__" and found == "tfdb" else found
@@ -62,46 +64,24 @@ stubgen.main()
 """
 
 
-def fields() -> list[tuple[str, str, str]]:
-    """Return the name, type and default of each field of `Selection`."""
+def selected() -> str:
+    """Return the module of keywords: name and type of each field of `Selection`."""
     tree = ast.parse(SELECTION.read_text(encoding="utf-8"))
     found = next(n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == "Selection")
-    return [
-        (
-            ast.unparse(each.target),
-            ast.unparse(each.annotation).replace("'", '"'),
-            next(ast.unparse(k.value) for k in each.value.keywords if k.arg == "default").replace(
-                "'", '"'
-            ),
-        )
+    kinds = {
+        ast.unparse(each.target): ast.unparse(each.annotation).replace("'", '"')
         for each in found.body
         if isinstance(each, ast.AnnAssign) and isinstance(each.value, ast.Call)
-    ]
-
-
-def selected() -> str:
-    """Return the module of keywords."""
-    return SELECTED_HEAD + "".join(f"    {name}: {kind}\n" for name, kind, _ in fields())
-
-
-def patterns() -> str:
-    """Return the patterns of stubgen, the fields of `Selection` in their place."""
-
-    def qualified(kind: str) -> str:
-        return re.sub(r"\b\w+\b", lambda word: QUALIFIED.get(word[0], word[0]), kind)
-
-    given = [f"        {name}: {qualified(kind)} = {value}," for name, kind, value in fields()]
-    text = PATTERNS.read_text(encoding="utf-8")
-    return text.replace("        \\selection", "\n".join(given))
+    }
+    return SELECTED_HEAD + "".join(f"    {name}: {kind}\n" for name, kind in kinds.items())
 
 
 def generated() -> str:
     """Return the stub of the installed `tfdb._core`."""
     with tempfile.TemporaryDirectory() as folder:
-        output, found = Path(folder) / "_core.pyi", Path(folder) / "stubs.pattern"
-        found.write_text(patterns(), encoding="utf-8")
-        command = [sys.executable, "-c", PROGRAM, "-q", "-m", "tfdb._core"]
-        command += ["-o", str(output), "-p", str(found)]
+        output = Path(folder) / "_core.pyi"
+        command = [sys.executable, "-c", PROGRAM, "-q", "-P", "-m", "tfdb._core"]
+        command += ["-o", str(output), "-p", str(PATTERNS)]
         subprocess.run(command, check=True, cwd=folder)
         return output.read_text(encoding="utf-8")
 

@@ -17,9 +17,6 @@ from typing import TYPE_CHECKING
 
 try:
     from ._core import (
-        Buffer,
-        Snapshot,
-        Transaction,
         Transform,
         __version__,
         decode_tf_message,
@@ -37,6 +34,7 @@ except ModuleNotFoundError as _error:
         name=_error.name,
         path=__path__[0],
     ) from _error
+from .buffer import Buffer, Snapshot, Transaction
 from .data.errors import (
     Conflict,
     Disconnected,

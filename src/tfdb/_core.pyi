@@ -1,6 +1,6 @@
 """The compiled part of tfdb. Use the names that `tfdb` exports."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import os
 from typing import Any, Literal, Self, final, overload
 
@@ -8,11 +8,11 @@ import numpy
 import numpy.typing
 
 import tfdb
-import tfdb.recordings
-import tfdb.store.explain
-import tfdb.store.report
-import tfdb.store.shared
-import tfdb.store.transactions
+from tfdb import (
+    Buffer as Buffer,
+    Snapshot as Snapshot,
+    Transaction as Transaction
+)
 import tfdb.types
 
 
@@ -41,6 +41,7 @@ class Transform:
     translation: see `Buffer.set_transform`. `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if
     A.source is not B.target, and InvalidTransform if the result is not finite; the result has
     the older of the two stamps (0: at all times).
+    Equal ones (frames, stamp and pose) have the same hash. Its arrays are read-only.
     """
 
     def __new__(
@@ -55,6 +56,12 @@ class Transform:
         wxyz: tfdb.types.WxyzLike | None = None,
     ) -> Self: ...
 
+    def __hash__(self) -> int: ...
+
+    def __eq__(self, other: object, /) -> bool: ...
+
+    def __matmul__(self, other: Transform, /) -> Transform: ...
+
     @classmethod
     def from_matrix(
         cls,
@@ -66,56 +73,8 @@ class Transform:
         """
         T[target<-source] from a homogeneous matrix (4, 4): p_target = matrix p_source.
 
-        Raises InvalidArray, and InvalidTransform, which says by how much, where it is not
-        rigid: a last row other than 0 0 0 1, a reflection, a scale, a shear, numbers that are
-        not finite.
-        """
-
-    @property
-    def translation(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Metres, x y z: float64 array (3,)."""
-
-    @property
-    def rotation(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Unit quaternion, x y z w: float64 array (4,)."""
-
-    @property
-    def pose(self) -> numpy.typing.NDArray[numpy.float64]:
-        """x y z qx qy qz qw: float64 array (7,)."""
-
-    @property
-    def matrix(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Homogeneous matrix: float64 array (4, 4)."""
-
-    @property
-    def rpy(self) -> numpy.typing.NDArray[numpy.float64]:
-        """
-        Roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF: float64 array (3,).
-
-        At a pitch of 90 degrees, where only their sum tells, roll is 0.
-        """
-
-    @property
-    def stamp(self) -> int:
-        """The stamp it holds at, in nanoseconds."""
-
-    @property
-    def commit(self) -> int:
-        """Number of the snapshot it was read from; 0 if it was not looked up."""
-
-    @property
-    def target(self) -> str:
-        """The frame into which it maps."""
-
-    @property
-    def source(self) -> str:
-        """The frame from which it maps."""
-
-    @property
-    def report(self) -> tfdb.types.Report:
-        """
-        What it was made from, edge by edge. Without edges if it was not looked up, or was
-        multiplied.
+        Raises InvalidArray, and InvalidTransform, which says by how much, where it is not rigid: a
+        last row other than 0 0 0 1, a reflection, a scale, a shear, numbers that are not finite.
         """
 
     def to_msg(self) -> Any:
@@ -124,7 +83,8 @@ class Transform:
         `tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source.
         """
 
-    def _repr_html_(self) -> str: ...
+    def _repr_html_(self) -> str:
+        """A table for notebooks."""
 
     def inverse(self) -> Transform:
         """
@@ -141,9 +101,9 @@ class Transform:
         Map points of the source frame into the target frame.
 
         `points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).
-        A coordinate that is not a finite number is taken as it is. Returns a new array of the
-        same shape and dtype. Raises InvalidArray, and InvalidTransform, with `index`, where a
-        finite point has no finite place in that dtype.
+        A coordinate that is not a finite number is taken as it is. Returns a new array of the same
+        shape and dtype. Raises InvalidArray, and InvalidTransform, with `index`, where a finite
+        point has no finite place in that dtype.
         """
     @overload
     def apply(
@@ -152,24 +112,59 @@ class Transform:
     @overload
     def apply(self, points: numpy.typing.ArrayLike) -> numpy.typing.NDArray[Any]: ...
 
-    def __matmul__(self, other: Transform, /) -> Transform: ...
-
-    def __eq__(self, other: object, /) -> bool: ...
-
-    def __hash__(self) -> int: ...
-
     def __copy__(self) -> Self: ...
 
     def __deepcopy__(self, memo: object, /) -> Self: ...
 
+    @property
+    def translation(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Metres, x y z: float64 array (3,), read-only."""
+
+    @property
+    def rotation(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Unit quaternion, x y z w: float64 array (4,), read-only."""
+
+    @property
+    def pose(self) -> numpy.typing.NDArray[numpy.float64]:
+        """x y z qx qy qz qw: float64 array (7,), read-only."""
+
+    @property
+    def matrix(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Homogeneous matrix: float64 array (4, 4), read-only."""
+
+    @property
+    def rpy(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF: float64 array (3,),
+        read-only. At a pitch of 90 degrees only their sum is defined, and roll is 0.
+        """
+
+    @property
+    def stamp(self) -> int:
+        """Its stamp, in nanoseconds."""
+
+    @property
+    def commit(self) -> int:
+        """Number of the snapshot it was read from; 0 if it was not looked up."""
+
+    @property
+    def target(self) -> str:
+        """The frame into which it maps."""
+
+    @property
+    def source(self) -> str:
+        """The frame from which it maps."""
+
+    @property
+    def report(self) -> tfdb.types.Report:
+        """
+        How it was computed, edge by edge. Without edges if it was not looked up, or was
+        multiplied.
+        """
+
 def _restore_transform(*state: object) -> Transform: ...
 
-def _enough_rows(
-    stamps: numpy.typing.NDArray[numpy.int64],
-    poses: numpy.typing.NDArray[numpy.float64],
-    metres: float,
-    radians: float,
-) -> numpy.typing.NDArray[numpy.int64]: ...
+def _enough_rows(stamps: numpy.typing.NDArray[numpy.int64], poses: numpy.typing.NDArray[numpy.float64], metres: float, radians: float) -> numpy.typing.NDArray[numpy.int64]: ...
 
 class Reads:
     """
@@ -259,13 +254,7 @@ class Reads:
         Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is one stamp only.
         """
 
-    def _path_stamps(
-        self,
-        target: str,
-        source: str,
-        start: tfdb.types.StampLike | None,
-        end: tfdb.types.StampLike | None,
-    ) -> numpy.typing.NDArray[numpy.int64]:
+    def _path_stamps(self, target: str, source: str, start: tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> numpy.typing.NDArray[numpy.int64]:
         """
         Stored stamps of the moving edges between two frames, where every edge has data.
         """
@@ -366,9 +355,7 @@ class Reads:
         before its first sample. A static edge has its parent at every stamp. Raises UnknownFrame.
         """
 
-    def _reach(
-        self, target: str, source: str, stamp: int | None
-    ) -> tuple[str | None, int, int | None, int | None] | None:
+    def _reach(self, target: str, source: str, stamp: int | None) -> tuple[str | None, int, int | None, int | None] | None:
         """
         Where walks up from two frames stop for want of data; None: they meet, or one does not exist.
 
@@ -525,172 +512,8 @@ class Reads:
         Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.
         """
 
-    def explain(
-        self,
-        target: str,
-        source: str,
-        stamp: tfdb.types.StampLike | None = None,
-        policy: Policy | None = None,
-    ) -> tfdb.types.Explanation:
-        """
-        Explain why `lookup_transform` with these arguments has an answer or fails.
-
-            Walks the path edge by edge: which samples are used, or why there is none and which stamps
-            would be valid. All of it is read from one snapshot.
-
-            Parameters
-            ----------
-            target, source
-                Frame names.
-            stamp
-                Stamp in nanoseconds; None: the latest common time.
-            policy
-                As in `lookup_transform`.
-
-            Returns
-            -------
-            Explanation
-                Its str() is the text.
-
-            Raises
-            ------
-            InvalidStamp, SnapshotTooOld, SnapshotClosed
-        """
-
-    def trajectory(
-        self,
-        target: str,
-        source: str,
-        rate: float | None = None,
-        start: tfdb.types.StampLike | str | None = None,
-        end: tfdb.types.StampLike | str | None = None,
-        policy: Policy | None = None,
-        *,
-        missing: Literal['raise', 'nan', 'skip'] = 'raise',
-    ) -> tfdb.Trajectory:
-        """
-        Sample T[target<-source] over time, all from one snapshot.
-
-            Parameters
-            ----------
-            target, source
-                Frame names.
-            rate
-                Poses per second from `start` on. None: at the stored stamps of the path.
-            start, end
-                First and last stamp, nanoseconds. None: where every moving edge has data. Text as in
-                `load`: `"+1.5"` is 1.5 s after the store's first moving stamp, `"-2"` 2 s before its last.
-            policy
-                How stamps between samples are answered. None: Interpolate().
-            missing
-                `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-                pose instead. `skip`: it is left out; where none is left, the first one's error. Where no
-                rate, or not both start and end are given, frames that nothing joins are an error in any
-                case: no stamp is known.
-
-            Returns
-            -------
-            Trajectory
-                With stamps (N,) and poses (N, 7).
-
-            Raises
-            ------
-            InvalidArgument
-                A rate that is not positive, `end` before `start`, or nothing moves and no stamp is given;
-                a `missing` that is none of the three. Without a rate: no stamp is stored between `start`
-                and `end`, where `Trajectory.crop` returns an empty trajectory.
-            Extrapolation, and what else `lookup_transforms` raises
-                With `index`, the position of the stamp.
-        """
-
-    def children(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
-        """
-        List the direct children of a frame, sorted.
-
-            Parameters
-            ----------
-            name
-                The frame.
-            stamp
-                Nanoseconds: whose `parent_of` it is then. None: in the newest tree.
-
-            Raises
-            ------
-            UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
-        """
-
-    def descendants(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
-        """
-        Find all frames below a frame, each followed by those below it, siblings sorted.
-
-            Parameters
-            ----------
-            name, stamp
-                As in `children`.
-
-            Raises
-            ------
-            What `children` raises
-        """
-
-    def path(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
-        """
-        List the frames on the path from one to another.
-
-            Parameters
-            ----------
-            target, source
-                The first and the last of the list; the same one twice gives it once.
-            stamp
-                As in `children`. Whether the path's edges have data then is not asked.
-
-            Raises
-            ------
-            UnknownFrame, Disconnected (naming both roots), InvalidStamp, SnapshotTooOld, SnapshotClosed
-        """
-
-    def __len__(self) -> int: ...
-
-    def __contains__(self, name: object, /) -> bool: ...
-
-    def __bool__(self) -> Literal[True]: ...
-
-    def _repr_html_(self) -> str: ...
-
-    def freeze(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """
-        Write one committed state into a file, which `tfdb.open` opens in constant time.
-
-            Reads of the frozen store return exactly what this state returns; its `commit` is the same. The
-            file is written beside its name, brought to the disk and renamed, so it is complete or absent.
-            Only the version of tfdb and the kind of machine that wrote it can read it: keep the recording.
-
-            Parameters
-            ----------
-            path
-                The file, such as `drive.tfdb`.
-            overwrite
-                Replace an existing file; processes that have it open keep the old one.
-
-            Raises
-            ------
-            InvalidArgument
-                The name is taken and `overwrite` is off, or it is that of a folder.
-            CapacityExceeded
-                The disk is full; no partial file is left.
-            SnapshotTooOld, SnapshotClosed
-            OSError
-                The file cannot be written.
-        """
-
-class Snapshot(Reads):
-    """
-    One committed state.
-
-    `Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is written
-    meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
-    Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.
-    """
+class NativeSnapshot(Reads):
+    """The native part of `Snapshot`."""
 
     def __init__(self) -> None: ...
 
@@ -709,36 +532,8 @@ class Snapshot(Reads):
 
     def __repr__(self) -> str: ...
 
-class Buffer(Reads):
-    """
-    A store of time-stamped transforms between named frames.
-
-    Any number of threads may read and write at once. A read is answered from one committed state and
-    never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide and write
-    in isolation from all other writers.
-
-    Parameters
-    ----------
-    history
-        Seconds to keep behind each edge's newest stamp; None keeps everything.
-    max_frames
-        Largest number of frames.
-    memory_limit
-        Largest size of the store in bytes; None: the machine's memory.
-    snapshot_memory
-        Largest size in bytes up to which it grows to keep held snapshots readable.
-    clock
-        Function that returns the time in nanoseconds, for
-        `lookup_latest_transform(max_age=...)`. None: the system's clock.
-    concurrency
-        Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
-        The others are research engines to compare with: `giant` (one
-        mutex for everything), `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until
-        the end), `silo` (checks at the end what it read), and `fine` (a lock on each frame, taken one
-        after the other), in which batches and transactions are not isolated.
-
-    Raises InvalidArgument, CapacityExceeded.
-    """
+class NativeBuffer(Reads):
+    """The native part of `Buffer`."""
 
     def __init__(self, history: float | None = 10.0, *, max_frames: int = 1048575, memory_limit: int | None = None, snapshot_memory: int = 1073741824, clock: Callable[[], int] | None = None, concurrency: tfdb.types.Concurrency = 'snapshot') -> None: ...
 
@@ -1182,343 +977,6 @@ class Buffer(Reads):
     def frozen(self) -> tfdb.types.Frozen | None:
         """Facts about a frozen store; None if the store is not frozen."""
 
-    def load(
-        self,
-        path: tfdb.types.Paths,
-        *,
-        progress: tfdb.types.Progress | None = None,
-        topics: tfdb.types.Topics | None = None,
-        start: tfdb.types.StampLike | str | None = None,
-        end: tfdb.types.StampLike | str | None = None,
-        keep: float | None = None,
-        frames: str | Iterable[str] | None = None,
-        exclude: str | Iterable[str] = (),
-        rename: Mapping[str, str] | None = None,
-        pose_topics: tfdb.types.PoseTopics | None = None,
-        urdf: str | os.PathLike[str] | tfdb.robots.RobotModel | None = None,
-        joint_topic: str | None = None,
-        stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
-        prefix: str = "",
-        by_namespace: bool = False,
-        mix: bool = False,
-        salvage: bool = False,
-    ) -> tfdb.recordings.LoadReport:
-        """
-        Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
-
-            Trajectory files are accepted, by their endings (`.tum`, `.txt`, `.csv`, `.npz`,
-            `.parquet`): TUM, KITTI and EuRoC files among them. They are one moving edge, from `world` to
-            `body` where the file names no frames; `rename` names them.
-
-            The files are checked before the first commit, so that damage leaves the buffer as it was.
-            They must not change until the end. Each message is one commit, in the order of its
-            reception. A transform that is refused is counted and left out, and the others of its message
-            are stored; a damaged message is left out. A buffer with a limited history
-            (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
-            a TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
-
-            Parameters
-            ----------
-            path
-                One recording or several; they are read in the order of their start.
-            progress
-                Called with (done, total); each message counts once when read and once when stored.
-            **selection
-                What is read, and under which names: the fields of `tfdb.recordings.Selection`, such as
-                `topics`, `start`, `exclude` and `rename`.
-
-            Returns
-            -------
-            LoadReport
-                Counts of the transforms read, stored, refused, left out, dropped by the history and lost.
-
-            Raises
-            ------
-            RecordingError
-                A file is not a recording, damaged or cut short; a topic is missing or without
-                transforms; or no transform is left. Nothing was stored.
-            MixedSources
-                Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf` and
-                `/tf_static` of one namespace are one group, every other topic is a group of its own. Groups
-                agree where one repeats samples of the other. Use `topics`, `by_namespace` or `mix`. Also:
-                files contradict each other on one topic, by another transform at a stamp of both or between
-                the other's stamps. Load one file, or use `prefix` or `mix`. Nothing was stored.
-            TrajectoryError
-                A line of a trajectory does not fit its format.
-            UnknownFrame
-                One of `frames` does not exist.
-            ModelError
-                `urdf` is not a robot model.
-            InvalidArgument
-                No path, an empty one, a file that is given twice, or topics that are not names; options
-                that are none, or by which two frames would have one name, or `end` lies before `start`.
-            OSError
-                A file cannot be opened.
-
-            Warns
-            -----
-            TfdbWarning
-                Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`; joints
-                are missing, unknown or beyond their limits; transforms or messages were refused (once for
-                each edge and error); all of it was in the store before; its stamps and those of the rest
-                are more than a year apart, as those of a simulated and of a real clock; samples were
-                forgotten; rows of a trajectory repeat a stamp, were sorted, mended or skipped; its unit or
-                columns were guessed.
-        """
-
-    def set_trajectory(
-        self,
-        parent: str,
-        child: str,
-        trajectory: tfdb.types.TrajectoryLike,
-        *,
-        authority: str = "",
-    ) -> int:
-        """
-        Store a trajectory as the edge from `parent` to `child`, in one commit.
-
-            A buffer with a limited history (10 s by default) drops the older poses: a TfdbWarning counts
-            them. Store whole trajectories in `Buffer(history=None)`.
-
-            Parameters
-            ----------
-            parent, child
-                Frame names. The poses are stored as T[parent<-child], under whatever names the trajectory
-                has for its own frames.
-            trajectory
-                A `Trajectory`, or any object with `stamps` (N,) in nanoseconds and `poses` (N, 7). Rows
-                that are NaN as a whole are left out.
-            authority
-                As in `set_transforms`.
-
-            Returns
-            -------
-            int
-                Number of the commit.
-
-            Raises
-            ------
-            What `set_transforms` raises. Nothing was stored then.
-        """
-
-    def run(
-        self,
-        fn: Callable[[Transaction], tfdb.store.transactions.Result],
-        *,
-        retries: int = 8,
-        timeout: float | None = None,
-        priority: int = 0,
-    ) -> tfdb.store.transactions.Result:
-        """
-        Run `fn(tx)` in a transaction, and repeat it until its commit succeeds.
-
-            `fn` may be called several times: side effects outside `tx` must be idempotent. An attempt that
-            ends in a Conflict stores nothing. Before the next one a random time passes, up to 0.1 ms after
-            the first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority
-            of the first. After eight conflicts the ninth attempt runs alone: writers wait for it, so it
-            cannot conflict. `fn` is called at most nine times, and its commit succeeds unless `retries` or
-            `timeout` set a closer limit.
-
-            Parameters
-            ----------
-            fn
-                Called with an open `Transaction`; it need not commit. Any exception of its own aborts
-                the transaction and is raised. It reads and writes through the
-                transaction only (TransactionActive), and is done when it returns: not `async def`, no
-                generator.
-            retries
-                How many attempts may follow the first; 8, the default, are always enough.
-            timeout
-                Seconds after which no further attempt begins; None: no limit. The first one always does.
-            priority
-                From 0 to 7, as in `transaction`.
-
-            Returns
-            -------
-            object
-                What `fn` returned in the attempt that was committed.
-
-            Raises
-            ------
-            Conflict
-                The last one, with `attempts`, when retries or time were used up.
-            InvalidArgument
-                A number that is out of its range.
-            TransactionActive
-                This thread has a transaction open in the store already; also where `fn` reads from the
-                Buffer itself, or writes to it.
-            TypeError
-                `fn` cannot be called, or returned before it did its work. Nothing was stored.
-            CycleError, CapacityExceeded
-                At the commit. Nothing was stored.
-        """
-
-    def reparent(
-        self,
-        child: str,
-        parent: str,
-        stamp: tfdb.types.StampLike | None = None,
-        translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None,
-        rotation: tfdb.types.QuaternionLike | None = None,
-        *,
-        rpy: tfdb.types.VectorLike | None = None,
-        wxyz: tfdb.types.WxyzLike | None = None,
-        authority: str = "",
-    ) -> int:
-        """
-        Give a frame another parent from a stamp on, in one commit.
-
-            Without a pose the frame stays where it is: at the stamp T[parent<-child] is what the store
-            says of the two before. It is `Transaction.reparent` in a transaction of its own.
-
-            Parameters
-            ----------
-            child, parent
-                Frame names.
-            stamp
-                From when on, nanoseconds; None: the child's edge is static, and holds at all times.
-            translation, rotation, rpy, wxyz
-                T[parent<-child] as in `set_transform`; none of them: the frame stays where it is.
-            authority
-                As in `set_transform`.
-
-            Returns
-            -------
-            int
-                Number of the commit.
-
-            Raises
-            ------
-            What `Transaction.reparent` and `run` raise. Nothing was stored then.
-        """
-
-    async def wait_for_transform_async(
-        self,
-        target: str,
-        source: str,
-        stamp: tfdb.types.StampLike | None = None,
-        timeout: float | None = None,
-        *,
-        policy: Policy | None = None,
-    ) -> Transform:
-        """
-        Do as `wait_for_transform` does, in a coroutine of asyncio.
-
-            One thread of the process waits for all coroutines that wait on the buffer; it ends a second
-            after the last of them. A coroutine that is cancelled leaves nothing behind.
-
-            Parameters
-            ----------
-            target, source, stamp, timeout, policy
-                As in `wait_for_transform`.
-
-            Returns
-            -------
-            Transform
-
-            Raises
-            ------
-            What `wait_for_transform` raises
-        """
-
-    async def wait_for_commit_async(self, after: int, timeout: float | None = None) -> int:
-        """
-        Do as `wait_for_commit` does, in a coroutine of asyncio: see `wait_for_transform_async`.
-
-            Parameters
-            ----------
-            after, timeout
-                As in `wait_for_commit`.
-
-            Returns
-            -------
-            int
-                Number of the newest commit.
-
-            Raises
-            ------
-            What `wait_for_commit` raises
-        """
-
-    def __reduce__(self) -> tuple[object, ...]: ...
-
-    @staticmethod
-    def open(
-        name: tfdb.types.Name,
-        *,
-        create: bool | None = None,
-        mode: Literal['r', 'rw'] = 'rw',
-        history: float | None = 10.0,
-        max_frames: int = 65536,
-        size: int = 1073741824,
-        snapshot_memory: int = 268435456,
-        permissions: int = 0o600,
-        group: int | str | None = None,
-        lock_timeout: float | None = 10.0,
-        clock: Callable[[], int] | None = None,
-    ) -> Buffer:
-        """
-        Open a shared store, or create it.
-
-            It is a `Buffer` like any other, with the same guarantees among processes as among threads: a
-            commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No process's
-            death, at whatever instruction, stops or tears anything: readers go on, and the next writer
-            takes back what the dead one had not committed. Only a store that is nearly full gives up held
-            snapshots to get back the memory of many dead writers (SnapshotTooOld). The store stays until
-            `Buffer.unlink`, or until the machine restarts.
-
-            Parameters
-            ----------
-            name
-                One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
-            create
-                True: create it, it must not exist; False: it must exist; None: create it if it is
-                missing. mode="r" never creates a store.
-            mode
-                `rw`: read and write. `r`: read only; the store's memory cannot be written to, even by
-                mistake.
-            history, max_frames, snapshot_memory
-                As in `Buffer`. They, and the arguments down to `group`, count where the store is made; one
-                that is there keeps its own.
-            size
-                Bytes that it may grow to. Memory is taken as it grows; beyond, writes raise
-                CapacityExceeded.
-            permissions, group
-                Permissions and group of its files. By default only this user may open it; 0o640 lets the
-                group read, 0o660 also write. A process that may write can damage the store's memory: trust
-                it.
-            lock_timeout
-                Seconds that a write waits for the write of another process before it raises
-                LockTimeout; None: without limit. Dead processes are not waited for, suspended ones are.
-                Ctrl-C ends the wait.
-            clock
-                As in `Buffer`.
-
-            Returns
-            -------
-            Buffer
-
-            Raises
-            ------
-            NoSuchStore, StoreExists, CorruptStore, ReadOnly, CapacityExceeded, InvalidName,
-            InvalidArgument, NotSupported
-        """
-
-    @staticmethod
-    def unlink(name: tfdb.types.Name) -> None:
-        """
-        Remove a store. Processes that have it open can still use it; the last one frees its memory.
-
-            Parameters
-            ----------
-            name
-                As in `open`.
-
-            Raises
-            ------
-            NoSuchStore, CorruptStore (the file is not a store), ReadOnly, InvalidName, NotSupported
-        """
-
 class Recorded:
     """Messages of a recording, outside of Python."""
 
@@ -1764,25 +1222,8 @@ def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list
     `index`.
     """
 
-class Transaction:
-    """
-    Read, decide and write in isolation from all other writers.
-
-    `Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store and,
-    over it, what the transaction itself has written. Leaving the block commits: all writes become
-    visible at once. After an exception or `abort()` nothing is stored.
-
-    Conflict, from any call or from the end of the block: another commit changed what was read, in a
-    way that could change an answer (a sample, a parent, a frame that came or went). Nothing was stored
-    then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
-    `Buffer(concurrency='fine')` nothing is checked.
-
-    Only the thread that began it may use it (WrongThread); what is open when that thread ends is
-    aborted. Meanwhile that thread must not write to the Buffer itself, read from it or begin another
-    transaction in it (TransactionActive): nothing would notice if what it read there had changed at the
-    commit. Snapshots taken before may be read, in the engine `snapshot`. After its end every call
-    raises TransactionClosed.
-    """
+class NativeTransaction:
+    """The native part of `Transaction`."""
 
     def __init__(self) -> None: ...
 
@@ -1860,13 +1301,7 @@ class Transaction:
     def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], list[str]]:
         """All samples of a frame's edge, as `Buffer.samples`."""
 
-    def _path_stamps(
-        self,
-        target: str,
-        source: str,
-        start: tfdb.types.StampLike | None,
-        end: tfdb.types.StampLike | None,
-    ) -> numpy.typing.NDArray[numpy.int64]:
+    def _path_stamps(self, target: str, source: str, start: tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> numpy.typing.NDArray[numpy.int64]:
         """As of `Reads`."""
 
     def _lookup_edge(
@@ -2015,138 +1450,6 @@ class Transaction:
 
     def __repr__(self) -> str: ...
 
-    def explain(
-        self,
-        target: str,
-        source: str,
-        stamp: tfdb.types.StampLike | None = None,
-        policy: Policy | None = None,
-    ) -> tfdb.types.Explanation:
-        """
-        Explain why `lookup_transform` with these arguments has an answer or fails.
-
-            Walks the path edge by edge: which samples are used, or why there is none and which stamps
-            would be valid. All of it is read from one snapshot.
-
-            Parameters
-            ----------
-            target, source
-                Frame names.
-            stamp
-                Stamp in nanoseconds; None: the latest common time.
-            policy
-                As in `lookup_transform`.
-
-            Returns
-            -------
-            Explanation
-                Its str() is the text.
-
-            Raises
-            ------
-            InvalidStamp, SnapshotTooOld, SnapshotClosed
-        """
-
-    def trajectory(
-        self,
-        target: str,
-        source: str,
-        rate: float | None = None,
-        start: tfdb.types.StampLike | str | None = None,
-        end: tfdb.types.StampLike | str | None = None,
-        policy: Policy | None = None,
-        *,
-        missing: Literal['raise', 'nan', 'skip'] = 'raise',
-    ) -> tfdb.Trajectory:
-        """
-        Sample T[target<-source] over time, all from one snapshot.
-
-            Parameters
-            ----------
-            target, source
-                Frame names.
-            rate
-                Poses per second from `start` on. None: at the stored stamps of the path.
-            start, end
-                First and last stamp, nanoseconds. None: where every moving edge has data. Text as in
-                `load`: `"+1.5"` is 1.5 s after the store's first moving stamp, `"-2"` 2 s before its last.
-            policy
-                How stamps between samples are answered. None: Interpolate().
-            missing
-                `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-                pose instead. `skip`: it is left out; where none is left, the first one's error. Where no
-                rate, or not both start and end are given, frames that nothing joins are an error in any
-                case: no stamp is known.
-
-            Returns
-            -------
-            Trajectory
-                With stamps (N,) and poses (N, 7).
-
-            Raises
-            ------
-            InvalidArgument
-                A rate that is not positive, `end` before `start`, or nothing moves and no stamp is given;
-                a `missing` that is none of the three. Without a rate: no stamp is stored between `start`
-                and `end`, where `Trajectory.crop` returns an empty trajectory.
-            Extrapolation, and what else `lookup_transforms` raises
-                With `index`, the position of the stamp.
-        """
-
-    def children(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
-        """
-        List the direct children of a frame, sorted.
-
-            Parameters
-            ----------
-            name
-                The frame.
-            stamp
-                Nanoseconds: whose `parent_of` it is then. None: in the newest tree.
-
-            Raises
-            ------
-            UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
-        """
-
-    def descendants(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
-        """
-        Find all frames below a frame, each followed by those below it, siblings sorted.
-
-            Parameters
-            ----------
-            name, stamp
-                As in `children`.
-
-            Raises
-            ------
-            What `children` raises
-        """
-
-    def path(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
-        """
-        List the frames on the path from one to another.
-
-            Parameters
-            ----------
-            target, source
-                The first and the last of the list; the same one twice gives it once.
-            stamp
-                As in `children`. Whether the path's edges have data then is not asked.
-
-            Raises
-            ------
-            UnknownFrame, Disconnected (naming both roots), InvalidStamp, SnapshotTooOld, SnapshotClosed
-        """
-
-    def __len__(self) -> int: ...
-
-    def __contains__(self, name: object, /) -> bool: ...
-
-    def __bool__(self) -> Literal[True]: ...
-
-    def _repr_html_(self) -> str: ...
-
 def create_store(path: os.PathLike[str], history: float | None, max_frames: int, snapshot_memory: int, size: int, permissions: int, group: int | None) -> None:
     """
     Make the files of a store that processes share. Raises as `Buffer.open`.
@@ -2250,7 +1553,7 @@ class CoreCalls:
             Its stamp is the time, or the latest common time.
 
         Raises LookupException, ConnectivityException, ExtrapolationException,
-        InvalidArgumentException; TypeError for what is no time.
+        InvalidArgumentException; TypeError for what is not a time.
         """
 
     def can_transform_core(
@@ -2259,7 +1562,7 @@ class CoreCalls:
         """
         Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).
 
-        Raises TypeError for what is no time or no name.
+        Raises TypeError for what is not a time or no name.
         """
 
     def set_transform(self, transform: Any, authority: str) -> None:
@@ -2267,9 +1570,8 @@ class CoreCalls:
         Store T[header.frame_id<-child_frame_id] at header.stamp.
 
         One leading '/' of each frame name is dropped. What is refused is logged (logger
-        `tfdb.tf2`) in tf2's words. Of the same stamp again the first value stays in ROS 1, the
-        last one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in
-        ROS 2.
+        `tfdb.tf2`) in tf2's words. Of the same stamp again the first value stays in ROS 1, the last
+        one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.
 
         Parameters
         ----------
@@ -2278,12 +1580,8 @@ class CoreCalls:
         authority
             Who writes.
 
-        Returns
-        -------
-        bool
-            Whether it was stored.
-
-        Raises TypeError for what is no such message.
+        Raises TypeError for other messages. What is wrong with the store, not with the
+        transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.
         """
 
     def _answer_by(
@@ -2314,8 +1612,8 @@ class BufferCalls(CoreCalls):
     """
     The hottest calls of `tfdb.tf2.Buffer`, a base class of it beside `BufferCore`.
 
-    As `CoreCalls`. Where a subclass has a `lookup_transform_core` or `can_transform_core` of
-    its own, the methods in Python are called.
+    As `CoreCalls`. Where a subclass has a `lookup_transform_core` or `can_transform_core` of its
+    own, the methods in Python are called.
     """
 
     def lookup_transform(
@@ -2376,9 +1674,6 @@ class BufferCalls(CoreCalls):
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]: ...
 
-def checked(function: Callable[..., Any]) -> Any:
-    """The function, with our words for calls that do not fit its parameters."""
-
 def to_nanoseconds(stamp: tfdb.types.StampLike) -> int:
     """
     Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.
@@ -2398,3 +1693,9 @@ def poses_of_matrices(matrices: numpy.typing.ArrayLike, missing: bool = False) -
     """
     Poses (N, 7) of matrices (N, 4, 4), w not below 0; NaN of those that are NaN as a whole, if they may be missing. Raises InvalidArray, InvalidTransform with `index`.
     """
+
+def adopt_classes(buffer: type[Buffer], snapshot: type[Snapshot], transaction: type[Transaction]) -> None:
+    """Make objects of these subclasses of the native classes from now on."""
+
+def checked(function: Callable[..., Any]) -> Any:
+    """The function, with our words for calls that do not fit its parameters."""

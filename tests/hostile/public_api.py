@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import ast
 import functools
 import inspect
 from dataclasses import dataclass
-from pathlib import Path
+from types import FunctionType
+from typing import Any
 
 import tfdb
 
-STUB = Path(tfdb.__file__).with_name("_core.pyi")
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
 ELSEWHERE |= {"read", "save", "plot"}
 ELSEWHERE |= {"AsQuat", "Concurrency"}  # types for annotations
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}
+WAITING |= {"wait_for_transform_async", "wait_for_commit_async"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""
 OTHERS = {("Transform", "to_msg")}
 """What returns objects of another face, some under names of this one."""
 ENDING = OTHERS | {("Buffer", "close"), ("Buffer", "__exit__")}
 """What would leave nothing to call."""
-
+CREATING = {"__init__", "__new__", "__init_subclass__"}
+"""What a call of the class calls."""
 
 OFFERED = {
     name: getattr(module, name)
@@ -60,78 +61,50 @@ class Call:
     is_property: bool = False
 
 
-def _parameters(node: ast.FunctionDef) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    positional = tuple(arg.arg for arg in node.args.posonlyargs + node.args.args)
-    keywords = tuple(arg.arg for arg in node.args.kwonlyargs if arg.arg != "timeout")
-    return positional[1:], keywords
+NATIVE = {tfdb._core.Policy, tfdb._core.Reads, tfdb.Transform}
+NATIVE |= {tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction}
 
 
-def _methods(stub: ast.Module) -> list[Call]:
-    found: dict[tuple[str, str], Call] = {}
-    bases: dict[str, list[str]] = {}
-    for cls in stub.body:
-        if not isinstance(cls, ast.ClassDef):
-            continue
-        bases[cls.name] = [base.id for base in cls.bases if isinstance(base, ast.Name)]
-        for node in cls.body:
-            if not isinstance(node, ast.FunctionDef) or node.name in ELSEWHERE | WAITING:
-                continue
-            if (cls.name, node.name) in ENDING:
-                continue
-            marks = {mark.id for mark in node.decorator_list if isinstance(mark, ast.Name)}
-            positional, keywords = _parameters(node)
-            call = Call(cls.name, node.name, positional, keywords, "property" in marks)
-            if node.name in ("__init__", "__new__"):
-                call = Call(None, cls.name, positional, keywords)
-            found[cls.name, node.name] = call
-    for cls, parents in bases.items():
-        for (owner, name), call in list(found.items()):
-            if owner in parents and call.owner is not None and (cls, name) not in found:
-                found[cls, name] = Call(cls, name, call.positional, call.keywords, call.is_property)
-    return [call for call in found.values() if (call.owner or call.name) in OFFERED]
+def _call(owner: str | None, name: str, function: Any) -> Call:
+    try:
+        found = [*inspect.signature(function).parameters.values()]
+    except (TypeError, ValueError):  # of C, without a signature
+        return Call(owner, name)
+    found = [each for each in found if each.name not in ("self", "timeout")]
+    named = tuple(each.name for each in found if each.kind is each.KEYWORD_ONLY)
+    placed = tuple(each.name for each in found if each.kind <= each.POSITIONAL_OR_KEYWORD)
+    return Call(owner, name, placed, named)
 
 
-def _plain(stub: ast.Module) -> list[Call]:
-    """Everything that is written in Python, and the constructors."""
+def _members(name: str, cls: type) -> list[Call]:
+    """Methods and properties of the class and its bases; of native classes hidden ones as well."""
     calls = []
-    compiled = {node.name for node in stub.body if isinstance(node, ast.ClassDef)}
-    for name, thing in OFFERED.items():
-        if name in ELSEWHERE or not callable(thing) or thing in (tfdb.Buffer, tfdb.Transform):
+    for attribute, member in {
+        each: value for base in reversed(cls.__mro__[:-1]) for each, value in vars(base).items()
+    }.items():
+        if attribute in ELSEWHERE | WAITING | CREATING or (name, attribute) in ENDING:
             continue
-        if isinstance(thing, type) and issubclass(thing, BaseException):
+        helper = isinstance(member, FunctionType | staticmethod) and not attribute.endswith("_")
+        if attribute.startswith("_") and (helper or cls not in NATIVE):
             continue
-        try:
-            names = list(inspect.signature(thing).parameters)
-        except (TypeError, ValueError):
-            names = []
-        if name not in ANSWERS:
-            names = [n for n in names if n not in ("args", "kwargs")]
-            calls.append(Call(None, name, tuple(names)))
-        if isinstance(thing, type) and name not in compiled:
-            for attribute in vars(thing):
-                if attribute.startswith("_") or attribute in ELSEWHERE:
-                    continue
-                member = getattr(thing, attribute)
-                is_property = not callable(member)
-                given = [] if is_property else [*inspect.signature(member).parameters]
-                wanted = tuple(each for each in given if each not in ("self", "others"))
-                calls.append(Call(name, attribute, wanted, (), is_property))
+        if inspect.isdatadescriptor(member):
+            calls.append(Call(name, attribute, is_property=True))
+        elif callable(getattr(cls, attribute)):
+            calls.append(_call(name, attribute, getattr(cls, attribute)))
     return calls
 
 
 @functools.cache
 def everything() -> list[Call]:
     """Find all there is, in an order that stays the same."""
-    stub = ast.parse(STUB.read_text(encoding="utf-8"))
-    functions = [
-        Call(None, node.name, *_function(node))
-        for node in stub.body
-        if isinstance(node, ast.FunctionDef) and node.name in OFFERED and node.name not in ELSEWHERE
-    ]
-    found = dict.fromkeys(functions + _methods(stub) + _plain(stub))
+    found = []
+    for name, thing in OFFERED.items():
+        if name in ELSEWHERE or not callable(thing):
+            continue
+        if isinstance(thing, type) and issubclass(thing, BaseException):
+            continue
+        if name not in ANSWERS:
+            found.append(_call(None, name, thing))
+        if isinstance(thing, type):
+            found += _members(name, thing)
     return sorted(found, key=lambda call: (call.owner or "", call.name, call.positional))
-
-
-def _function(node: ast.FunctionDef) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    positional = tuple(arg.arg for arg in node.args.args)
-    return positional, tuple(arg.arg for arg in node.args.kwonlyargs)

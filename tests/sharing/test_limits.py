@@ -139,6 +139,7 @@ def test_a_shared_store_is_pickled_by_its_name(name: str) -> None:
         tfdb.Buffer.__reduce__([])
     buffer = tfdb.Buffer.open(name, lock_timeout=None)
     again = pickle.loads(pickle.dumps(buffer))
+    assert type(buffer) is type(again) is tfdb.Buffer
     assert again.shared == buffer.shared
     pickled = pickle.dumps(buffer)
     tfdb.Buffer.unlink(name)

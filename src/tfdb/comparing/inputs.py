@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from tfdb._core import Reads
+from tfdb._core import Buffer, Snapshot
 from tfdb._core import open as open_frozen
 from tfdb.data.errors import InvalidArgument, InvalidTransform, NotComparable, RecordingError
 from tfdb.data.path_checks import check_path
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from tfdb.data.decimal_time import Unit
 
-TrajectoryLike: TypeAlias = Trajectory | Reads | str | os.PathLike[str]
+TrajectoryLike: TypeAlias = Trajectory | Buffer | Snapshot | str | os.PathLike[str]
 """Inputs of `compare`."""
 
 Frames: TypeAlias = tuple[str, str]
@@ -58,7 +58,7 @@ def to_trajectory(
         raise InvalidArgument(message, value=frames)
     if isinstance(given, Trajectory):
         return checked(given, role)
-    if isinstance(given, Reads):
+    if isinstance(given, Buffer | Snapshot):
         return looked_up(given, frames, role, parameter)
     if not isinstance(given, str | os.PathLike):
         raise InvalidArgument(
@@ -112,7 +112,9 @@ def is_recording(path: Path) -> bool:
     return False
 
 
-def looked_up(reads: Reads, frames: Frames | None, role: str, parameter: str) -> Trajectory:
+def looked_up(
+    reads: Buffer | Snapshot, frames: Frames | None, role: str, parameter: str
+) -> Trajectory:
     """T[target<-source] at each stamp that is stored of it and has an answer."""
     if frames is None:
         chain = longest_moving_chain(reads.tree())

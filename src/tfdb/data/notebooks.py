@@ -8,6 +8,8 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from tfdb._core import to_nanoseconds
+
 from .errors import TfdbError
 from .stamps import format_seconds
 
@@ -132,8 +134,6 @@ def of_columns(columns: Any) -> str:
 
 
 def _stamp_text(stamp: Any) -> str:
-    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
-
     try:
         return format_seconds(to_nanoseconds(stamp)).removesuffix(" s")
     except (TypeError, TfdbError):  # a column is judged where it is stored

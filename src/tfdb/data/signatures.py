@@ -8,6 +8,8 @@ import inspect
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from tfdb._core import Transaction
+
 from .suggestions import near_names
 
 if TYPE_CHECKING:
@@ -154,8 +156,11 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
         if name in ("__init__", "__new__"):
             name = kinds.__name__  # of a subclass, say
         parameters, args, count = parameters[1:], args[1:], count - 1
+    refused = "incompatible function arguments" in said
+    if made.__name__ == "__init__" and hasattr(made, "__nb_signature__") and not refused:
+        return None  # it reads its arguments itself
     text = describe_misfit(name, parameters, count, keywords)
-    if text is not None or "incompatible function arguments" not in said:
+    if text is not None or not refused:
         return text
     placed = [each for each in parameters if each.kind in _BY_PLACE]
     given = [*zip((each.name for each in placed), args[:count], strict=False)]
@@ -170,9 +175,7 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
 
 def _receivers(owner: str, method: str) -> str:
     """Name the classes that have a method, in words."""
-    if owner == "Reads":
-        from tfdb._core import Transaction  # noqa: PLC0415 - the extension imports this module
-
+    if owner in ("Freezable", "Reads", "SharedReads"):
         shared = hasattr(Transaction, method)
         return "a Buffer, a Snapshot or a Transaction" if shared else "a Buffer or a Snapshot"
     return "an object" if owner.startswith("_") else f"a {owner}"

@@ -8,6 +8,8 @@ from decimal import ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, overload
 
+from tfdb._core import to_nanoseconds
+
 from .errors import InvalidArray, InvalidStamp
 
 if TYPE_CHECKING:
@@ -136,7 +138,7 @@ def _stamp(seconds: Any) -> int:
         if isinstance(seconds, np.bool_):
             seconds = bool(seconds)
         if not isinstance(seconds, str | int | float | Decimal | np.number):
-            return _itself(seconds)
+            return to_nanoseconds(seconds)
     if isinstance(seconds, bool):
         raise InvalidStamp(f"seconds must be a number, got {seconds!r}", value=seconds)
     if isinstance(seconds, str) and not NUMBER.fullmatch(seconds.strip()):
@@ -161,13 +163,6 @@ def _rounded(seconds: Decimal) -> int:
 def _no_stamp(seconds: object) -> InvalidStamp:
     limit = format_seconds(MAX_STAMP)
     return InvalidStamp(f"{shown(seconds)} s is not a stamp: valid are 0 to {limit}", value=seconds)
-
-
-def _itself(value: Any) -> int:
-    """Convert an object that holds a stamp."""
-    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
-
-    return to_nanoseconds(value)
 
 
 def _each(convert: Callable[[Any], int], items: Iterable[Any]) -> npt.NDArray[np.int64]:
@@ -210,7 +205,7 @@ def _date(text: str) -> int:
 def from_datetime(time: datetime) -> int:
     """Nanoseconds of a datetime with a time zone. The extension calls it; raises InvalidStamp."""
     if hasattr(time, "to_datetime64"):  # of pandas, where no time zone means UTC
-        return _itself(time.to_datetime64())
+        return to_nanoseconds(time.to_datetime64())
     if time.utcoffset() is None:
         raise InvalidStamp(
             f"stamp {time!r} has no time zone, so it is not a point in time: give it one with "
@@ -268,7 +263,7 @@ def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
         reason = f"expected {wanted}, got {got}{hint}"
         raise InvalidArray(f"stamps: {reason}", reason=reason)
     if kind == "O":
-        return _each(_itself, array)
+        return _each(to_nanoseconds, array)
     if kind == "M":
         # numpy wraps around silently where a date does not fit into 64 bits of nanoseconds.
         fine = array.astype("datetime64[ns]")
@@ -278,7 +273,7 @@ def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
         made = array.astype(np.int64)
         wrong = made != array
     if wrong.any():
-        _each(_itself, array)  # raises at the first of them
+        _each(to_nanoseconds, array)  # raises at the first of them
     return made
 
 

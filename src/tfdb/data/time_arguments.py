@@ -9,6 +9,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from tfdb._core import to_nanoseconds
+
 from .decimal_time import parse_stamp
 from .errors import InvalidArgument, InvalidStamp
 from .stamps import DATE, MAX_STAMP, format_seconds, shown, stamp
@@ -117,8 +119,6 @@ def time_of(name: str, given: StampLike | str | None) -> Time | None:
     if given is None:
         return None
     if not isinstance(given, str):
-        from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
-
         return Time(shown(given), to_nanoseconds(given))
     try:
         return read_time(given)

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
 
+from tfdb._core import pose_parts, poses_of_matrices
+
 from .argument_checks import refuse_without
 from .errors import InvalidArgument, InvalidArray
 from .lazy_names import belong_to
@@ -178,8 +180,6 @@ class TransformStamped:  # noqa: PLW1641 - dataclass makes __hash__
         wxyz: WxyzLike | None = None,
     ) -> None:
         if rotation is None:
-            from tfdb._core import pose_parts  # noqa: PLC0415 - the extension imports this module
-
             parts = pose_parts(parent, child, translation, rpy, wxyz)
             translation, rotation = parts or (translation, (0.0, 0.0, 0.0, 1.0))
         elif rpy is not None or wxyz is not None:
@@ -301,8 +301,6 @@ class Columns:
         if matrices is not None:
             if not (poses is None and translations is None and rotations is None):
                 raise InvalidArray("give matrices, or poses, or translations and rotations")
-            from tfdb._core import poses_of_matrices  # noqa: PLC0415 - the extension imports this module
-
             poses = poses_of_matrices(matrices)
         elif poses is None:
             if translations is None or rotations is None:

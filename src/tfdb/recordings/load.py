@@ -6,6 +6,7 @@ import time
 import warnings
 from typing import TYPE_CHECKING
 
+from tfdb._core import Buffer
 from tfdb.data.argument_checks import check_flag
 from tfdb.data.errors import TfdbWarning
 from tfdb.store.forgotten import warn_of_forgotten
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Unpack
 
-    from tfdb._core import Buffer
     from tfdb.data.types import FrameInfo, Paths, Progress
 
     from .arrivals import ArrivalReader
@@ -72,8 +72,6 @@ def load(
         As `Buffer.load`; with `cache` also where no folder is writable. Then nothing is kept,
         and the buffer is not frozen.
     """
-    from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
-
     made, paths = selected(load, selection), each_once(path)
     buffer = Buffer(history=None)
     if not check_flag("cache", cache) or not paths:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from tfdb._core import Buffer
 from tfdb.data.counting import counted
 from tfdb.data.errors import (
     Disconnected,
@@ -93,8 +94,6 @@ def explain_lookup(
 
 def from_one_state(reads: Reads, read: Callable[[Snapshot], T]) -> T:
     """Read often from one state: the snapshot's, or of a buffer the newest that writers let be."""
-    from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
-
     if not isinstance(reads, Buffer):
         return read(cast("Snapshot", reads))
     # A damaged store says of every state that it is gone: not for ever, then.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from tfdb._core import to_nanoseconds
 from tfdb.data.argument_checks import check_name
 from tfdb.data.errors import Disconnected
 from tfdb.data.stamps import format_seconds
@@ -56,7 +57,7 @@ def path(reads: Reads, target: str, source: str, stamp: StampLike | None) -> lis
         parents = _parents(snapshot, stamp, target, source)
         up, down = _chain(parents, target), _chain(parents, source)
         if up[-1] != down[-1]:
-            when = "" if stamp is None else f" at {format_seconds(_nanoseconds(stamp))}"
+            when = "" if stamp is None else f" at {format_seconds(to_nanoseconds(stamp))}"
             raise Disconnected(
                 f"no path joins {target!r} and {source!r}{when}: the frames are in two trees, "
                 f"{target!r} under root {up[-1]!r} and {source!r} under root {down[-1]!r}",
@@ -69,12 +70,6 @@ def path(reads: Reads, target: str, source: str, stamp: StampLike | None) -> lis
         return up[: up.index(meeting) + 1] + down[: down.index(meeting)][::-1]
 
     return from_one_state(reads, read)
-
-
-def _nanoseconds(stamp: StampLike) -> int:
-    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
-
-    return to_nanoseconds(stamp)
 
 
 def _parents(snapshot: Snapshot, stamp: StampLike | None, *names: str) -> Parents:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from tfdb._core import _restore_transform
 from tfdb.data.counting import counted
 from tfdb.data.errors import TfdbError
 from tfdb.data.lazy_names import belong_to
@@ -221,8 +222,6 @@ def _extent(buffer: Buffer) -> str:
 
 def restore_transform(*state: object) -> Transform:
     """Make an unpickled transform: functions of the extension cannot be pickled themselves."""
-    from tfdb._core import _restore_transform  # noqa: PLC0415 - the extension imports this module
-
     return _restore_transform(*state)
 
 

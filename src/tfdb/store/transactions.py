@@ -10,6 +10,7 @@ import time
 from collections.abc import AsyncGenerator, Generator
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from tfdb._core import duration_to_nanoseconds
 from tfdb.data.errors import Conflict, InvalidArgument
 
 if TYPE_CHECKING:
@@ -109,6 +110,4 @@ def _count(retries: Any) -> int:
 def _deadline(timeout: Any) -> float:
     if timeout is None:
         return math.inf
-    from tfdb._core import duration_to_nanoseconds  # noqa: PLC0415 - the extension imports this module
-
     return time.monotonic() + duration_to_nanoseconds(timeout, "timeout") / 1e9

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tfdb._core import Transform
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.stamps import MAX_STAMP, format_seconds, shown
 
@@ -42,8 +43,6 @@ def nanoseconds_of(interval: float) -> int:
 
 def chains(other: object, written: str, instead: str) -> bool:
     """Whether it is a Transform; False leaves it to `other` to know how."""
-    from tfdb._core import Transform  # noqa: PLC0415 - the extension imports this module
-
     if isinstance(other, Transform):
         return True
     if isinstance(other, list | tuple) or hasattr(other, "__array__"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal, overload
 
+from tfdb._core import Buffer, Transform, _enough_rows, poses_of_matrices, to_nanoseconds
 from tfdb.data import poses as geometry
 from tfdb.data.errors import (
     Extrapolation,
@@ -17,6 +18,7 @@ from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import MAX_STAMP, check_increasing, format_seconds, increasing_stamps, shown
 from tfdb.data.time_arguments import time_of
 from tfdb.data.types import Columns, Twist
+from tfdb.store.report import restore_transform
 
 from .arguments import are_many, are_none, chains, check_chain, nanoseconds_of, tolerance
 
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.figure import Figure
 
-    from tfdb._core import Buffer, Policy, Transform
+    from tfdb._core import Policy
     from tfdb.data.decimal_time import Unit
     from tfdb.data.stamps import StampLike, StampsLike
     from tfdb.data.types import AsQuat
@@ -116,9 +118,6 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         matrices: npt.ArrayLike | None = None,
         repeated: int = 0,
     ) -> None:
-        # The extension imports this module.
-        from tfdb._core import Transform, poses_of_matrices  # noqa: PLC0415
-
         for role, name in (("target", target), ("source", source)):
             if not isinstance(name, str):
                 raise TypeError(f"{role} must be str, the name of a frame, got {shown(name)}")
@@ -463,7 +462,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
             store, child = self._stored("nan" if are_none(stamps) else missing)
             return store.lookup_transforms(self._target, child, stamps, policy, missing=missing)
         store, child = self._stored()
-        answer = store.lookup_transform(self._target, child, _nanoseconds(stamps), policy)
+        answer = store.lookup_transform(self._target, child, to_nanoseconds(stamps), policy)
         return answer if answer.source == self._source else self._as(answer.stamp, answer.pose)
 
     def crop(
@@ -561,8 +560,6 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         >>> t.simplify(0.01, 0.01).translations[:, 0]
         array([50.,  0., 50.])
         """
-        from tfdb._core import _enough_rows  # noqa: PLC0415 - the extension imports this module
-
         limits = [tolerance(metres, "metres"), tolerance(radians, "radians")]
         path = self if bool(self.valid.all()) else self._some(self.valid)
         return path._some(_enough_rows(path._stamps, path._poses, *limits))
@@ -909,8 +906,6 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Where there is none it holds the frames alone, for who takes NaN for an answer.
         """
         if self._store is None:
-            from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
-
             here = self.valid
             if not here.any() and missing != "nan":
                 raise Extrapolation(
@@ -935,8 +930,6 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._store
 
     def _as(self, stamp: int, pose: npt.NDArray[np.float64], *edges: object) -> Transform:
-        from tfdb.store.report import restore_transform  # noqa: PLC0415 - it imports the extension
-
         return restore_transform(self._target, self._source, (pose[:3], pose[3:]), stamp, 0, edges)
 
     def _one(self, row: int) -> Transform:
@@ -984,12 +977,6 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
 def _restore(*held: Any) -> Trajectory:
     return Trajectory._made(*held)
-
-
-def _nanoseconds(stamp: StampLike) -> int:
-    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
-
-    return to_nanoseconds(stamp)
 
 
 belong_to("tfdb", globals(), __all__)

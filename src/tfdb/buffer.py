@@ -1,0 +1,446 @@
+"""The class Buffer: the extension's store, and what is written in Python.
+
+What does a method's work is imported when it is called: `import tfdb` does not wait for it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from tfdb import _core
+
+from .data.lazy_names import belong_to
+from .reads import Freezable, Snapshot, Transaction
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+    from typing import Literal, Unpack
+
+    from tfdb._core import Policy, Transform
+    from tfdb.data.stamps import StampLike
+    from tfdb.data.types import (
+        Name,
+        Paths,
+        PoseLike,
+        Progress,
+        QuaternionLike,
+        TrajectoryLike,
+        VectorLike,
+        WxyzLike,
+    )
+    from tfdb.recordings.load_report import LoadReport
+    from tfdb.recordings.selected import Selected
+    from tfdb.store.transactions import Result
+
+__all__ = ["Buffer", "Snapshot", "Transaction"]
+
+
+class Buffer(Freezable, _core.NativeBuffer):
+    """A store of time-stamped transforms between named frames.
+
+    Any number of threads may read and write at once. A read is answered from one committed state
+    and never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide
+    and write in isolation from all other writers.
+
+    Parameters
+    ----------
+    history
+        Seconds to keep behind each edge's newest stamp; None keeps everything.
+    max_frames
+        Largest number of frames.
+    memory_limit
+        Largest size of the store in bytes; None: the machine's memory.
+    snapshot_memory
+        Largest size in bytes up to which it grows to keep held snapshots readable.
+    clock
+        Function that returns the time in nanoseconds, for
+        `lookup_latest_transform(max_age=...)`. None: the system's clock.
+    concurrency
+        Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
+        The others are research engines to compare with: `giant` (one mutex for everything),
+        `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until the end), `silo`
+        (checks at the end what it read), and `fine` (a lock on each frame, taken one after the
+        other), in which batches and transactions are not isolated.
+
+    Raises InvalidArgument, CapacityExceeded.
+    """
+
+    __slots__ = ()
+
+    def load(
+        self, path: Paths, *, progress: Progress | None = None, **selection: Unpack[Selected]
+    ) -> LoadReport:
+        """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
+
+        Trajectory files are accepted, by their endings (`.tum`, `.txt`, `.csv`, `.npz`,
+        `.parquet`): TUM, KITTI and EuRoC files among them. They are one moving edge, from `world`
+        to `body` where the file names no frames; `rename` names them.
+
+        The files are checked before the first commit, so that damage leaves the buffer as it was.
+        They must not change until the end. Each message is one commit, in the order of its
+        reception. A transform that is refused is counted and left out, and the others of its
+        message are stored; a damaged message is left out. A buffer with a limited history (10 s by
+        default) forgets the beginning of a long recording: the report counts the samples, and a
+        TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
+
+        Parameters
+        ----------
+        path
+            One recording or several; they are read in the order of their start.
+        progress
+            Called with (done, total); each message counts once when read and once when stored.
+        **selection
+            What is read, and under which names: the fields of `tfdb.recordings.Selection`, such as
+            `topics`, `start`, `exclude` and `rename`.
+
+        Returns
+        -------
+        LoadReport
+            Counts of the transforms read, stored, refused, left out, dropped by the history and
+            lost.
+
+        Raises
+        ------
+        RecordingError
+            A file is not a recording, damaged or cut short; a topic is missing or without
+            transforms; or no transform is left. Nothing was stored.
+        MixedSources
+            Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf`
+            and `/tf_static` of one namespace are one group, every other topic is a group of its
+            own. Groups agree where one repeats samples of the other. Use `topics`, `by_namespace`
+            or `mix`. Also: files contradict each other on one topic, by another transform at a
+            stamp of both or between the other's stamps. Load one file, or use `prefix` or `mix`.
+            Nothing was stored.
+        TrajectoryError
+            A line of a trajectory does not fit its format.
+        UnknownFrame
+            One of `frames` does not exist.
+        ModelError
+            `urdf` is not a robot model.
+        InvalidArgument
+            No path, an empty one, a file that is given twice, or topics that are not names; options
+            that are none, or by which two frames would have one name, or `end` lies before `start`.
+        OSError
+            A file cannot be opened.
+
+        Warns
+        -----
+        TfdbWarning
+            Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`;
+            joints are missing, unknown or beyond their limits; transforms or messages were refused
+            (once for each edge and error); all of it was in the store before; its stamps and those
+            of the rest are more than a year apart, as those of a simulated and of a real clock;
+            samples were forgotten; rows of a trajectory repeat a stamp, were sorted, mended or
+            skipped; its unit or columns were guessed.
+        """
+        from tfdb.recordings.load import load_into
+        from tfdb.recordings.selection import selected
+
+        return load_into(_buffer(self), path, selected(Buffer.load, selection), progress)
+
+    def set_trajectory(
+        self, parent: str, child: str, trajectory: TrajectoryLike, *, authority: str = ""
+    ) -> int:
+        """Store a trajectory as the edge from `parent` to `child`, in one commit.
+
+        A buffer with a limited history (10 s by default) drops the older poses: a TfdbWarning
+        counts them. Store whole trajectories in `Buffer(history=None)`.
+
+        Parameters
+        ----------
+        parent, child
+            Frame names. The poses are stored as T[parent<-child], under whatever names the
+            trajectory has for its own frames.
+        trajectory
+            A `Trajectory`, or any object with `stamps` (N,) in nanoseconds and `poses` (N, 7). Rows
+            that are NaN as a whole are left out.
+        authority
+            As in `set_transforms`.
+
+        Returns
+        -------
+        int
+            Number of the commit.
+
+        Raises
+        ------
+        What `set_transforms` raises. Nothing was stored then.
+        """
+        from tfdb.trajectories.storing import store_trajectory
+
+        return store_trajectory(_buffer(self), parent, child, trajectory, authority)
+
+    def run(
+        self,
+        fn: Callable[[Transaction], Result],
+        *,
+        retries: int = 8,
+        timeout: float | None = None,
+        priority: int = 0,
+    ) -> Result:
+        """Run `fn(tx)` in a transaction, and repeat it until its commit succeeds.
+
+        `fn` may be called several times: side effects outside `tx` must be idempotent. An attempt
+        that ends in a Conflict stores nothing. Before the next one a random time passes, up to 0.1
+        ms after the first, twice as long after each next, never more than 10 ms. An attempt keeps
+        the seniority of the first. After eight conflicts the ninth attempt runs alone: writers wait
+        for it, so it cannot conflict. `fn` is called at most nine times, and its commit succeeds
+        unless `retries` or `timeout` set a closer limit.
+
+        Parameters
+        ----------
+        fn
+            Called with an open `Transaction`; it need not commit. Any exception of its own aborts
+            the transaction and is raised. It reads and writes through the
+            transaction only (TransactionActive), and is done when it returns: not `async def`, no
+            generator.
+        retries
+            How many attempts may follow the first; 8, the default, are always enough.
+        timeout
+            Seconds after which no further attempt begins; None: no limit. The first one always
+            does.
+        priority
+            From 0 to 7, as in `transaction`.
+
+        Returns
+        -------
+        object
+            What `fn` returned in the attempt that was committed.
+
+        Raises
+        ------
+        Conflict
+            The last one, with `attempts`, when retries or time were used up.
+        InvalidArgument
+            A number that is out of its range.
+        TransactionActive
+            This thread has a transaction open in the store already; also where `fn` reads from the
+            Buffer itself, or writes to it.
+        TypeError
+            `fn` cannot be called, or returned before it did its work. Nothing was stored.
+        CycleError, CapacityExceeded
+            At the commit. Nothing was stored.
+        """
+        from tfdb.store.transactions import run_until_won
+
+        return run_until_won(self, fn, retries=retries, timeout=timeout, priority=priority)
+
+    def reparent(
+        self,
+        child: str,
+        parent: str,
+        stamp: StampLike | None = None,
+        translation: VectorLike | PoseLike | None = None,
+        rotation: QuaternionLike | None = None,
+        *,
+        rpy: VectorLike | None = None,
+        wxyz: WxyzLike | None = None,
+        authority: str = "",
+    ) -> int:
+        """Give a frame another parent from a stamp on, in one commit.
+
+        Without a pose the frame stays where it is: at the stamp T[parent<-child] is what the store
+        says of the two before. It is `Transaction.reparent` in a transaction of its own.
+
+        Parameters
+        ----------
+        child, parent
+            Frame names.
+        stamp
+            From when on, nanoseconds; None: the child's edge is static, and holds at all times.
+        translation, rotation, rpy, wxyz
+            T[parent<-child] as in `set_transform`; none of them: the frame stays where it is.
+        authority
+            As in `set_transform`.
+
+        Returns
+        -------
+        int
+            Number of the commit.
+
+        Raises
+        ------
+        What `Transaction.reparent` and `run` raise. Nothing was stored then.
+        """
+        from tfdb.store.transactions import commit_of
+
+        return commit_of(
+            _buffer(self),
+            lambda tx: tx.reparent(
+                child, parent, stamp, translation, rotation, rpy=rpy, wxyz=wxyz, authority=authority
+            ),
+        )
+
+    @staticmethod
+    def open(
+        name: Name,
+        *,
+        create: bool | None = None,
+        mode: Literal["r", "rw"] = "rw",
+        history: float | None = 10.0,
+        max_frames: int = 65536,
+        size: int = 1 << 30,
+        snapshot_memory: int = 1 << 28,
+        permissions: int = 0o600,
+        group: int | str | None = None,
+        lock_timeout: float | None = 10.0,
+        clock: Callable[[], int] | None = None,
+    ) -> Buffer:
+        """Open a shared store, or create it.
+
+        It is a `Buffer` like any other, with the same guarantees among processes as among threads:
+        a commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No
+        process's death, at whatever instruction, stops or tears anything: readers go on, and the
+        next writer takes back what the dead one had not committed. Only a store that is nearly full
+        gives up held snapshots to get back the memory of many dead writers (SnapshotTooOld). The
+        store stays until `Buffer.unlink`, or until the machine restarts.
+
+        Parameters
+        ----------
+        name
+            One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
+        create
+            True: create it, it must not exist; False: it must exist; None: create it if it is
+            missing. mode="r" never creates a store.
+        mode
+            `rw`: read and write. `r`: read only; the store's memory cannot be written to, even by
+            mistake.
+        history, max_frames, snapshot_memory
+            As in `Buffer`. They, and the arguments down to `group`, count where the store is made;
+            one that is there keeps its own.
+        size
+            Bytes that it may grow to. Memory is taken as it grows; beyond, writes raise
+            CapacityExceeded.
+        permissions, group
+            Permissions and group of its files. By default only this user may open it; 0o640 lets
+            the group read, 0o660 also write. A process that may write can damage the store's
+            memory: trust it.
+        lock_timeout
+            Seconds that a write waits for the write of another process before it raises
+            LockTimeout; None: without limit. Dead processes are not waited for, suspended ones are.
+            Ctrl-C ends the wait.
+        clock
+            As in `Buffer`.
+
+        Returns
+        -------
+        Buffer
+
+        Raises
+        ------
+        NoSuchStore, StoreExists, CorruptStore, ReadOnly, CapacityExceeded, InvalidName,
+        InvalidArgument, NotSupported
+        """
+        from tfdb.store.shared import open_or_make
+
+        return open_or_make(
+            name,
+            create=create,
+            mode=mode,
+            group=group,
+            lock_timeout=lock_timeout,
+            clock=clock,
+            history=history,
+            max_frames=max_frames,
+            size=size,
+            snapshot_memory=snapshot_memory,
+            permissions=permissions,
+        )
+
+    @staticmethod
+    def unlink(name: Name) -> None:
+        """Remove a store. Processes that have it open can still use it; the last frees its memory.
+
+        Parameters
+        ----------
+        name
+            As in `open`.
+
+        Raises
+        ------
+        NoSuchStore, CorruptStore (the file is not a store), ReadOnly, InvalidName, NotSupported
+        """
+        from tfdb.store.shared import unlink_store as unlink
+
+        unlink(name)
+
+    def wait_for_transform_async(
+        self,
+        target: str,
+        source: str,
+        stamp: StampLike | None = None,
+        timeout: float | None = None,
+        *,
+        policy: Policy | None = None,
+    ) -> Coroutine[Any, Any, Transform]:
+        """Do as `wait_for_transform` does, in a coroutine of asyncio.
+
+        One thread of the process waits for all coroutines that wait on the buffer; it ends a second
+        after the last of them. A coroutine that is cancelled leaves nothing behind.
+
+        Parameters
+        ----------
+        target, source, stamp, timeout, policy
+            As in `wait_for_transform`.
+
+        Returns
+        -------
+        Transform
+
+        Raises
+        ------
+        What `wait_for_transform` raises
+        """
+        from tfdb.store.waiting import transform
+
+        _ = _buffer(self).closed
+        return transform(self, target, source, stamp, timeout, policy)
+
+    def wait_for_commit_async(
+        self, after: int, timeout: float | None = None
+    ) -> Coroutine[Any, Any, int]:
+        """Do as `wait_for_commit` does, in a coroutine of asyncio: see `wait_for_transform_async`.
+
+        Parameters
+        ----------
+        after, timeout
+            As in `wait_for_commit`.
+
+        Returns
+        -------
+        int
+            Number of the newest commit.
+
+        Raises
+        ------
+        What `wait_for_commit` raises
+        """
+        from tfdb.store.waiting import commit
+
+        _ = _buffer(self).closed
+        return commit(self, after, timeout)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle a store that processes share by its name, a frozen one by its file, others whole.
+
+        The whole state of the latter is in the pickle. It arrives as a frozen store, which is read
+        as the original was when it was pickled, and cannot be written.
+        """
+        from tfdb.store import frozen, shared
+
+        if (store := _buffer(self).shared) is not None:
+            return shared.reopen, (store.path, store.mode, store.lock_timeout)
+        if (file := self.frozen) is not None and file.origin != frozen.PICKLED:
+            return frozen.reopen, (file.path,)
+        return frozen.thaw, (frozen.state_of(self),)
+
+
+def _buffer(self: object) -> Buffer:
+    """Refuse what is not a Buffer when a method is called, not when its coroutine runs."""
+    if not isinstance(self, Buffer):
+        raise TypeError(f"a method of Buffer was called on a {type(self).__name__}")
+    return self
+
+
+belong_to("tfdb", globals(), __all__)
+_core.adopt_classes(Buffer, Snapshot, Transaction)

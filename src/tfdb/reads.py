@@ -1,0 +1,264 @@
+"""What can be asked of buffers, snapshots and transactions beside the extension's own reads.
+
+What does a method's work is imported when it is called: `import tfdb` does not wait for it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from tfdb import _core
+
+if TYPE_CHECKING:
+    import os
+    from typing import Literal
+
+    from tfdb._core import Policy, Reads
+    from tfdb.data.stamps import StampLike
+    from tfdb.store.explain import Explanation
+    from tfdb.trajectories.trajectory import Trajectory
+
+__all__ = ["Freezable", "SharedReads", "Snapshot", "Transaction"]
+
+
+class SharedReads:
+    """Reads of buffers, snapshots and transactions."""
+
+    __slots__ = ()
+
+    def explain(
+        self,
+        target: str,
+        source: str,
+        stamp: StampLike | None = None,
+        policy: Policy | None = None,
+    ) -> Explanation:
+        """Explain why `lookup_transform` with these arguments has an answer or fails.
+
+        Walks the path edge by edge: which samples are used, or why there is none and which stamps
+        would be valid. All of it is read from one snapshot.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        stamp
+            Stamp in nanoseconds; None: the latest common time.
+        policy
+            As in `lookup_transform`.
+
+        Returns
+        -------
+        Explanation
+            Its str() is the text.
+
+        Raises
+        ------
+        InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+        from tfdb.store.explain import explain_lookup
+
+        return explain_lookup(_reads(self), target, source, stamp, policy)
+
+    def trajectory(
+        self,
+        target: str,
+        source: str,
+        rate: float | None = None,
+        start: StampLike | str | None = None,
+        end: StampLike | str | None = None,
+        policy: Policy | None = None,
+        *,
+        missing: Literal["raise", "nan", "skip"] = "raise",
+    ) -> Trajectory:
+        """Sample T[target<-source] over time, all from one snapshot.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        rate
+            Poses per second from `start` on. None: at the stored stamps of the path.
+        start, end
+            First and last stamp, nanoseconds. None: where every moving edge has data. Text as in
+            `load`: `"+1.5"` is 1.5 s after the store's first moving stamp, `"-2"` 2 s before its
+            last.
+        policy
+            How stamps between samples are answered. None: Interpolate().
+        missing
+            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in
+            its pose instead. `skip`: it is left out; where none is left, the first one's error.
+            Where no rate, or not both start and end are given, frames that nothing joins are an
+            error in any case: no stamp is known.
+
+        Returns
+        -------
+        Trajectory
+            With stamps (N,) and poses (N, 7).
+
+        Raises
+        ------
+        InvalidArgument
+            A rate that is not positive, `end` before `start`, or nothing moves and no stamp is
+            given; a `missing` that is none of the three. Without a rate: no stamp is stored between
+            `start` and `end`, where `Trajectory.crop` returns an empty trajectory.
+        Extrapolation, and what else `lookup_transforms` raises
+            With `index`, the position of the stamp.
+        """
+        from tfdb.store.sampling import sample
+        from tfdb.trajectories.trajectory import Trajectory
+
+        made = sample(_reads(self), target, source, rate, start, end, policy, missing)
+        return Trajectory._made(target, source, *made)
+
+    def children(self, name: str, stamp: StampLike | None = None) -> list[str]:
+        """List the direct children of a frame, sorted.
+
+        Parameters
+        ----------
+        name
+            The frame.
+        stamp
+            Nanoseconds: whose `parent_of` it is then. None: in the newest tree.
+
+        Raises
+        ------
+        UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+        from tfdb.store.forest import children as find
+
+        return find(_reads(self), name, stamp)
+
+    def descendants(self, name: str, stamp: StampLike | None = None) -> list[str]:
+        """Find all frames below a frame, each followed by those below it, siblings sorted.
+
+        Parameters
+        ----------
+        name, stamp
+            As in `children`.
+
+        Raises
+        ------
+        What `children` raises
+        """
+        from tfdb.store.forest import descendants as find
+
+        return find(_reads(self), name, stamp)
+
+    def path(self, target: str, source: str, stamp: StampLike | None = None) -> list[str]:
+        """List the frames on the path from one to another.
+
+        Parameters
+        ----------
+        target, source
+            The first and the last of the list; the same one twice gives it once.
+        stamp
+            As in `children`. Whether the path's edges have data then is not asked.
+
+        Raises
+        ------
+        UnknownFrame, Disconnected (naming both roots), InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+        from tfdb.store.forest import path as find
+
+        return find(_reads(self), target, source, stamp)
+
+    def __len__(self) -> int:
+        """Count the frames."""
+        return len(_reads(self).frames())
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a frame of that name."""
+        from tfdb.data.errors import InvalidName
+
+        try:
+            return _reads(self).frame_exists(name) if isinstance(name, str) else False
+        except InvalidName:  # no frame can have it
+            return False
+
+    def __bool__(self) -> Literal[True]:
+        """Be true, also without frames: `if buffer:` asks whether there is one."""
+        _reads(self)
+        return True
+
+    def _repr_html_(self) -> str:
+        """Write a table of the frames, for notebooks."""
+        from tfdb.data.notebooks import of_store
+
+        return of_store(_reads(self))
+
+
+class Freezable(SharedReads):
+    """Reads of buffers and snapshots."""
+
+    __slots__ = ()
+
+    def freeze(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write one committed state into a file, which `tfdb.open` opens in constant time.
+
+        Reads of the frozen store return exactly what this state returns; its `commit` is the same.
+        The file is written beside its name, brought to the disk and renamed, so it is complete or
+        absent. Only the version of tfdb and the kind of machine that wrote it can read it: keep the
+        recording.
+
+        Parameters
+        ----------
+        path
+            The file, such as `drive.tfdb`.
+        overwrite
+            Replace an existing file; processes that have it open keep the old one.
+
+        Raises
+        ------
+        InvalidArgument
+            The name is taken and `overwrite` is off, or it is that of a folder.
+        CapacityExceeded
+            The disk is full; no partial file is left.
+        SnapshotTooOld, SnapshotClosed
+        OSError
+            The file cannot be written.
+        """
+        from tfdb.store.frozen import freeze_into
+
+        freeze_into(_reads(self), path, overwrite=overwrite)
+
+
+class Snapshot(Freezable, _core.NativeSnapshot):
+    """One committed state.
+
+    `Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is
+    written meanwhile. Use it as a context manager, or close() it: while open it keeps old samples
+    in memory. Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the
+    memory.
+    """
+
+    __slots__ = ()
+
+
+class Transaction(SharedReads, _core.NativeTransaction):
+    """Read, decide and write in isolation from all other writers.
+
+    `Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store
+    and, over it, what the transaction itself has written. Leaving the block commits: all writes
+    become visible at once. After an exception or `abort()` nothing is stored.
+
+    Conflict, from any call or from the end of the block: another commit changed what was read, in a
+    way that could change an answer (a sample, a parent, a frame that came or went). Nothing was
+    stored then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
+    `Buffer(concurrency='fine')` nothing is checked.
+
+    Only the thread that began it may use it (WrongThread); what is open when that thread ends is
+    aborted. Meanwhile that thread must not write to the Buffer itself, read from it or begin
+    another transaction in it (TransactionActive): nothing would notice if what it read there had
+    changed at the commit. Snapshots taken before may be read, in the engine `snapshot`. After its
+    end every call raises TransactionClosed.
+    """
+
+    __slots__ = ()
+
+
+def _reads(self: object) -> Reads:
+    """Refuse what has no reads. Those of a Transaction have the same names."""
+    if not isinstance(self, _core.Reads | _core.NativeTransaction):
+        raise TypeError(f"a method of Reads was called on a {type(self).__name__}")
+    return cast("Reads", self)
