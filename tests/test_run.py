@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import threading
+import typing
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 import tfdb
 import tfdb.store.transactions
+import tfdb.types
 from another_thread import in_another_thread
 from oracle import quaternion
 
@@ -347,7 +349,7 @@ def test_a_function_that_works_later_is_refused(buffer: tfdb.Buffer, function: A
     assert buffer.run(add) == 1
 
 
-@pytest.mark.parametrize("engine", ["snapshot", "silo", "giant"])
+@pytest.mark.parametrize("engine", typing.get_args(tfdb.types.Concurrency))
 @pytest.mark.parametrize(
     "read",
     [
