@@ -392,7 +392,7 @@ policy_option: Callable[[FC], FC] = click.option(
     "--policy",
     metavar="POLICY",
     callback=parse_policy,
-    help="How samples answer a time: interpolate[:MAX_GAP], exact, previous[:MAX_AGE], "
+    help="How to use the samples around a time: interpolate[:MAX_GAP], exact, previous[:MAX_AGE], "
     "nearest[:TOLERANCE] or extrapolate:MAX; limits in seconds.  [default: interpolate]",
 )
 

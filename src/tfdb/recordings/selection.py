@@ -118,8 +118,8 @@ class Selection:
         default=None,
         metadata=_option(
             "FROM[:TO]",
-            "Read only the topic FROM (as TO, whose last part is tf or tf_static); repeatable.  "
-            "[default: every topic of transforms]",
+            "Read only this topic. FROM:TO reads FROM as TO, which ends in tf or tf_static. "
+            "Repeatable.  [default: every topic of transforms]",
         ),
     )
     start: StampLike | str | None = field(
@@ -129,7 +129,7 @@ class Selection:
         default=None, metadata=_option("TIME", "Read no moving transform after this time.")
     )
     keep: float | None = field(
-        default=None, metadata=_option("SECONDS", "Read only the last seconds.")
+        default=None, metadata=_option("SECONDS", "Read only the last SECONDS.")
     )
     frames: str | Iterable[str] | None = field(
         default=None,
@@ -139,8 +139,8 @@ class Selection:
         default=(),
         metadata=_option(
             "NAME",
-            "Leave out this frame, topic or node (* and ? as in a shell), or the edge of a frame "
-            "on a topic, TOPIC:FRAME; repeatable.",
+            "Leave out this frame, topic or node; * and ? as in a shell. TOPIC:FRAME leaves out "
+            "the edge of FRAME on TOPIC. Repeatable.",
         ),
     )
     rename: Mapping[str, str] | None = field(
@@ -156,7 +156,7 @@ class Selection:
     )
     urdf: str | os.PathLike[str] | RobotModel | None = field(
         default=None,
-        metadata=_option("FILE", "Make transforms of joint states with this robot model."),
+        metadata=_option("FILE", "Compute transforms from joint states with this robot model."),
     )
     joint_topic: str | None = field(
         default=None,
