@@ -1,4 +1,4 @@
-"""Rotations for people."""
+"""Printed rotations."""
 
 from __future__ import annotations
 

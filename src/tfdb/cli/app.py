@@ -1,4 +1,4 @@
-"""The command group: which commands exist, and how every error leaves the program."""
+"""The command group: its commands, and the handling of errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb change-notifier``: tells when one frame has moved in another."""
+"""``tfdb change-notifier``: reports motions of one frame in another."""
 
 from __future__ import annotations
 

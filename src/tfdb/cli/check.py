@@ -1,4 +1,4 @@
-"""``tfdb check``: what is wrong with a recording."""
+"""``tfdb check``: faults of a recording."""
 
 from __future__ import annotations
 

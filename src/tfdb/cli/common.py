@@ -1,4 +1,4 @@
-"""What the commands share: options, loading with a progress bar, errors that say what to do."""
+"""Common code of commands: options, loading with a progress bar, errors with remedies."""
 
 from __future__ import annotations
 

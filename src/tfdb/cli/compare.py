@@ -1,4 +1,4 @@
-"""``tfdb compare``: how far an estimated trajectory is off a reference."""
+"""``tfdb compare``: errors of an estimated trajectory against a reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb echo``: one transform, again and again."""
+"""``tfdb echo``: one transform, repeatedly."""
 
 from __future__ import annotations
 

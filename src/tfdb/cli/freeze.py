@@ -1,4 +1,4 @@
-"""``tfdb freeze``: what a recording holds, in a file that opens at once."""
+"""``tfdb freeze``: a recording as a file that opens at once."""
 
 from __future__ import annotations
 

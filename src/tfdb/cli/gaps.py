@@ -1,4 +1,4 @@
-"""``tfdb gaps``: each gap of each edge, with its time and who published around it."""
+"""``tfdb gaps``: each gap of each edge, with its time and publishers."""
 
 from __future__ import annotations
 

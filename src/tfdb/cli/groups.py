@@ -1,4 +1,4 @@
-"""Commands and groups of commands: a word that is mistyped gets the nearest."""
+"""Commands and groups of commands, with suggestions for mistyped words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb info``: what a recording holds."""
+"""``tfdb info``: contents of a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb lookup``: one transform, and how it was found."""
+"""``tfdb lookup``: one transform, with its report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb merge``: several recordings in one."""
+"""``tfdb merge``: several recordings into one."""
 
 from __future__ import annotations
 

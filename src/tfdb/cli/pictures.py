@@ -1,4 +1,4 @@
-"""Files of pictures: how they are named, and that they are whole when they are there."""
+"""Picture files: names and atomic writing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb rename``: a recording again, with other names for its frames."""
+"""``tfdb rename``: a copy of a recording with other frame names."""
 
 from __future__ import annotations
 

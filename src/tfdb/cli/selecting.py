@@ -1,4 +1,4 @@
-"""The options that say what is read of recordings: the fields of `Selection`, one by one."""
+"""Command options for each field of `Selection`."""
 
 from __future__ import annotations
 

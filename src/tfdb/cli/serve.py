@@ -1,4 +1,4 @@
-"""``tfdb serve``: a store that others read while it is filled."""
+"""``tfdb serve``: fills a shared store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb shm``: the stores that processes of this machine share."""
+"""``tfdb shm``: the shared stores of this machine."""
 
 from __future__ import annotations
 

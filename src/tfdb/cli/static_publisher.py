@@ -1,4 +1,4 @@
-"""``tfdb static-publisher``: static transforms, given, of a robot model, or of a recording."""
+"""``tfdb static-publisher``: static transforms of arguments, a URDF or a recording."""
 
 from __future__ import annotations
 

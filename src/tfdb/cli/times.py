@@ -1,4 +1,4 @@
-"""Times as people type them, turned into integer nanoseconds without passing through a float."""
+"""Typed times, converted to integer nanoseconds without floats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb tree``: the frames, each under its parent."""
+"""``tfdb tree``: the frame tree."""
 
 from __future__ import annotations
 

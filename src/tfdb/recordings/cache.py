@@ -1,4 +1,4 @@
-"""Recordings that were loaded before: kept as frozen stores, and checked before they are used."""
+"""Caches of loaded recordings: frozen stores that are checked before use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which edges of recorded messages are kept, and the names of their frames."""
+"""Selection of edges of recorded messages, and new frame names."""
 
 from __future__ import annotations
 

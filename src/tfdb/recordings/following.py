@@ -1,4 +1,4 @@
-"""An MCAP file into a store while it is written."""
+"""Loads an MCAP file while it is written."""
 
 from __future__ import annotations
 

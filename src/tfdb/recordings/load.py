@@ -1,4 +1,4 @@
-"""Recordings into a store: one message is one commit."""
+"""Loads recordings into a store, one commit per message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a load did: its report, its counts while it runs, and what it says of refused transforms."""
+"""Reports of loads: counts, progress, warnings of refused transforms."""
 
 from __future__ import annotations
 

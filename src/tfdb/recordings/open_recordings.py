@@ -1,4 +1,4 @@
-"""Recordings that are read together: opened, checked, and what a selection takes of them."""
+"""Opens and checks recordings that are read together, under a selection."""
 
 from __future__ import annotations
 

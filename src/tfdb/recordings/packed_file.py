@@ -1,4 +1,4 @@
-"""Recordings in files that are packed with zstd as a whole, as rosbag2's file compression does."""
+"""Recordings in files that are compressed with zstd, as by rosbag2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The edges of recordings: what offsets, frame sets and new names are resolved with."""
+"""The edges of recordings, to resolve offsets, frame sets and new names."""
 
 from __future__ import annotations
 

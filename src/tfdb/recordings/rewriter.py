@@ -1,4 +1,4 @@
-"""Recorded messages on their way into a store or a file: what is kept, under which names."""
+"""Selects and renames recorded messages on their way into a store or a file."""
 
 from __future__ import annotations
 

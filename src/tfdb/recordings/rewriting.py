@@ -1,4 +1,4 @@
-"""Messages of recordings into another recording: chosen, renamed, in its encoding."""
+"""Rewrites messages into another recording: selected, renamed, in its encoding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which part of recordings is read, and the names of its frames."""
+"""The part of recordings to read, and new frame names."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _option(metavar: str, text: str) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Selection:
-    """Which part of recordings is read, and the names of its frames.
+    """The part of recordings to read, and new frame names.
 
     The fields are the keywords of `tfdb.load`, `Buffer.load` and `follow_recording`, and the
     options of the commands that read recordings: `start="+1"` is `--start +1`.

@@ -1,4 +1,4 @@
-"""How to load an edge that a recording states as static and as moving."""
+"""Remedies for an edge that a recording has as both static and moving."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings out of a store, or out of any stream of transforms."""
+"""Writes recordings of a store, or of any stream of transforms."""
 
 from __future__ import annotations
 
