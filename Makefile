@@ -53,7 +53,7 @@ help:
 $(STAMPS)/venv:
 	@mkdir -p $(STAMPS)
 	$(PYTHON) -m venv $(VENV) || (echo 'no venv module: install your python3-venv package'; exit 1)
-	$(PIP) install 'cmake>=3.21' 'ninja>=1.11' 'scikit-build-core>=0.10' 'nanobind>=2.2'
+	$(PIP) install 'cmake>=3.21' 'ninja>=1.11' 'scikit-build-core>=0.10' 'nanobind>=3.1'
 	@touch $@
 
 # The editable install only recompiles what changed.
