@@ -202,6 +202,23 @@ PyObject* get_rpy(PyObject* self, void* /*closure*/) {
     return doubles(&rpy.x, 3);
 }
 
+/// Translation, rotation, roll pitch yaw and the rows of the matrix, without numpy: its import
+/// takes longer than all else that a command does.
+PyObject* numbers(PyObject* self, PyObject* /*unused*/) {
+    return guarded([&]() -> PyObject* {
+        const auto& [t, q] = as_transform(self).pose;
+        const auto& [r] = geometry::matrix(q);
+        const geometry::Vec3 rpy = geometry::rpy_of_quaternion(q);
+        const nb::object rows = nb::make_tuple(
+            nb::make_tuple(r[0], r[1], r[2], t.x), nb::make_tuple(r[3], r[4], r[5], t.y),
+            nb::make_tuple(r[6], r[7], r[8], t.z), nb::make_tuple(0.0, 0.0, 0.0, 1.0));
+        return nb::make_tuple(nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w),
+                              nb::make_tuple(rpy.x, rpy.y, rpy.z), rows)
+            .release()
+            .ptr();
+    });
+}
+
 PyObject* inverse(PyObject* self, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"inverse", {}, 0, 0};
@@ -422,6 +439,9 @@ PyMethodDef g_methods[] = {
      "to_msg($self, /)\n--\n\n"
      "A geometry_msgs/TransformStamped: the installed ROS's, or where there is none the one of\n"
      "`tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source."},
+    {"_numbers", numbers, METH_NOARGS,
+     "_numbers($self, /)\n--\n\n"
+     "Translation, rotation, roll pitch yaw and the rows of the matrix, as floats."},
     {"_repr_html_", represent_html, METH_NOARGS,
      "_repr_html_($self, /)\n--\n\nA table for notebooks."},
     {"inverse", as_function(inverse), METH_FASTCALL | METH_KEYWORDS,

@@ -83,6 +83,18 @@ class Transform:
         `tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source.
         """
 
+    def _numbers(
+        self,
+    ) -> tuple[
+        tuple[float, float, float],
+        tuple[float, float, float, float],
+        tuple[float, float, float],
+        tuple[tuple[float, float, float, float], ...],
+    ]:
+        """
+        Translation, rotation, roll pitch yaw and the rows of the matrix, as floats.
+        """
+
     def _repr_html_(self) -> str:
         """A table for notebooks."""
 

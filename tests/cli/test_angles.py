@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfdb.cli.angles import roll_pitch_yaw
+import tfdb
+from tfdb.cli.angles import pose_body
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -31,6 +32,12 @@ def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
     return result
 
 
+def roll_pitch_yaw(rotation: np.ndarray) -> list[float]:
+    """In degrees, as commands print them."""
+    found: list[float] = pose_body(tfdb.Transform("a", "b", (1, 2, 3), rotation))["rpy_deg"]
+    return found
+
+
 angles = st.floats(-179.0, 179.0)
 
 
@@ -46,3 +53,12 @@ def test_straight_up_and_down_is_the_same_rotation(pitch: float, roll: float, ya
     wanted = quaternion(roll, pitch, yaw)
     found = quaternion(*roll_pitch_yaw(wanted))
     assert abs(float(wanted @ found)) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_pose_as_json_has_the_numbers_of_the_arrays() -> None:
+    pose = tfdb.Transform("a", "b", (0.1, -2 / 3, 1e9), quaternion(10, 20, 30))
+    body = pose_body(pose)
+    assert list(body["translation"]) == pose.translation.tolist()
+    assert list(body["rotation_xyzw"]) == pose.rotation.tolist()
+    assert [list(row) for row in body["matrix"]] == pose.matrix.tolist()
+    assert body["rpy_deg"] == [math.degrees(angle) for angle in pose.rpy]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -103,3 +106,21 @@ def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:
         tfdb.Buffer.unlink(name)
     frozen = tfdb.open(tmp_path / "x.tfdb")
     assert frozen.lookup_transform("map", "base") == store.lookup_transform("map", "base")
+
+
+def test_a_lookup_as_json_imports_neither_numpy_nor_rich(frozen: Path) -> None:
+    """Their imports take longer than the lookup."""
+    code = """
+import sys
+from tfdb.cli.app import cli
+try:
+    cli.main(sys.argv[1:], "tfdb")
+finally:
+    print(sorted({"numpy", "rich", "matplotlib"} & set(sys.modules)))
+"""
+    words = ["lookup", str(frozen), "map", "base_link", "--json"]
+    command = [sys.executable, "-c", code, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    *printed, imported = done.stdout.splitlines()
+    assert json.loads("\n".join(printed))["target"] == "map"
+    assert imported == "[]"

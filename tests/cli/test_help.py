@@ -70,6 +70,7 @@ def test_options_that_select_data_have_a_title(tool: Tool, name: str) -> None:
     others, selecting = options.split("\nSelect what is read:\n")
     assert "--json" in others
     assert "--topic" not in others
+    assert not re.search(r"^  [^ -]", others, re.MULTILINE), "an argument"
     flags = set(re.findall(r"^  (--[a-z-]+)", selecting, re.MULTILINE))
     fields = {flag_of(each.name) for each in dataclasses.fields(Selection)}
     own = {"poses": {"--start", "--end"}, "merge": {"--prefix"}}.get(name, set())

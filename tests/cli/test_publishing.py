@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.cli.angles import quaternion_of, roll_pitch_yaw
+from tfdb.cli.angles import quaternion_of
 from tfdb.cli.change_notifier import Pair, Told
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def name() -> Iterator[str]:
 
 
 def test_quaternion_of_angles() -> None:
-    assert np.allclose(np.radians(roll_pitch_yaw(TURN)), ANGLES)
+    assert np.allclose(tfdb.Transform("a", "b", (0, 0, 0), TURN).rpy, ANGLES)
 
 
 def flags(**values: object) -> list[str]:

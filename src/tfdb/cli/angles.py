@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Any
 import tfdb
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from tfdb import Transform
 
 
-def roll_pitch_yaw(rotation: Sequence[float] | Any) -> list[float]:
-    """`Transform.rpy` of a quaternion x y z w, in degrees."""
-    rpy = tfdb.Transform("fixed", "turned", (0.0, 0.0, 0.0), rotation).rpy
-    return [math.degrees(angle) for angle in rpy]
+def pose_body(pose: Transform) -> dict[str, Any]:
+    """Return a pose as JSON; `lookup` and `echo` use the same keys."""
+    translation, rotation, rpy, matrix = pose._numbers()
+    return {
+        "translation": translation,
+        "rotation_xyzw": rotation,
+        "rpy_deg": list(map(math.degrees, rpy)),
+        "matrix": matrix,
+    }
 
 
 def quaternion_of(roll: float, pitch: float, yaw: float) -> list[float]:

@@ -16,14 +16,12 @@ import click
 import tfdb
 from tfdb.data.argument_checks import unknown_word
 from tfdb.data.decimal_time import parse_stamp
-from tfdb.data.new_file import is_one_of, refuse_existing
 from tfdb.data.path_checks import check_path, first_missing, missing_file
 from tfdb.data.suggestions import near_names
 from tfdb.data.time_text import format_dates, format_ns
 from tfdb.recordings.selection import Selection
 from tfdb.store.frozen import is_frozen
 from tfdb.store.summary import Forest, span
-from tfdb.trajectories.reading_report import warn_of_rows
 
 from . import output
 from .graph import STORE, is_graph, listen_once
@@ -66,6 +64,7 @@ json_lines_option: Callable[[FC], FC] = click.option(
 def open_selected(paths: Sequence[Path]) -> OpenRecordings:
     """Open recordings to read what the command was told to; report what is lost of them."""
     from tfdb.recordings.open_recordings import open_recordings  # noqa: PLC0415 - not for frozen stores
+    from tfdb.trajectories.reading_report import warn_of_rows  # noqa: PLC0415
 
     refuse_frozen(paths)
     opened = open_recordings(paths, selected())
@@ -186,6 +185,8 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
 
 def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
     """Refuse an output without a folder, one of the inputs, or one that exists already."""
+    from tfdb.data.new_file import is_one_of, refuse_existing  # noqa: PLC0415 - for what is written
+
     path = check_path(out)
     if not path.parent.is_dir():
         missing = first_missing(path.parent)

@@ -16,7 +16,7 @@ from tfdb.judging.rates import ANOTHER_CLOCK
 from tfdb.store.waiting import NO_ANSWER_YET
 
 from . import common, layout, output
-from .angles import roll_pitch_yaw
+from .angles import pose_body
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
 from .selecting import refuse_selection, selection_options
@@ -268,24 +268,21 @@ class Printer:
             "age_ns": None if found.report.timeless else now - found.stamp,
             "gap_ns": found.report.max_gap,
             "limiting": None if limiting is None else limiting.child,
-            "translation": found.translation.tolist(),
-            "rotation_xyzw": found.rotation.tolist(),
-            "rpy_deg": roll_pitch_yaw(found.rotation),
-            "matrix": found.matrix.tolist(),
+            **pose_body(found),
         }
 
     def _lines(self, found: Transform, now: int) -> Iterator[str]:
-        degrees = roll_pitch_yaw(found.rotation)
+        translation, rotation, radians, matrix = found._numbers()
         yield layout.wrap(
             [f"At time {format_ns(found.stamp)},", f" (current time {format_ns(now)})"]
         )
-        yield f"- Translation: {self._list(found.translation)}"
-        yield f"- Rotation: in Quaternion {self._list(found.rotation)}"
-        yield f"            in RPY (radian) {self._list(map(math.radians, degrees))}"
-        yield f"            in RPY (degree) {self._list(degrees)}"
+        yield f"- Translation: {self._list(translation)}"
+        yield f"- Rotation: in Quaternion {self._list(rotation)}"
+        yield f"            in RPY (radian) {self._list(radians)}"
+        yield f"            in RPY (degree) {self._list(map(math.degrees, radians))}"
         yield "- Matrix:"
         digits = self.precision
-        for row in found.matrix:
+        for row in matrix:
             yield "  " + " ".join(f"{value:{digits + 6}.{digits}f}" for value in row)
         yield layout.wrap(layout.words(f"- Age: {self._age(found, now)}", *_children(found)))
 

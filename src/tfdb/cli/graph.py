@@ -20,7 +20,6 @@ import click
 
 import tfdb
 from tfdb.data.time_text import format_duration
-from tfdb.ros.open_node import open_node
 
 from . import output
 from .times import NS, duration_option
@@ -162,6 +161,8 @@ class Live:
 @contextmanager
 def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
     """Give a node of this command's in the graph `name`, and what is set if others end it."""
+    from tfdb.ros.open_node import open_node  # noqa: PLC0415 - only for live graphs
+
     context = click.get_current_context()
     match = _GRAPH.fullmatch(name)
     if match is None:

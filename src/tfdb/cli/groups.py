@@ -56,7 +56,7 @@ class SuggestingCommand(click.Command):
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
-            if record is not None:
+            if record is not None and isinstance(param, click.Option):
                 sections.setdefault(getattr(param, "title", "Options"), []).append(record)
         for title, records in sections.items():
             with formatter.section(title):

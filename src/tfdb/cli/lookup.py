@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,7 +12,7 @@ from tfdb.data.time_text import format_date, format_duration, format_ns
 from tfdb.store.report import frames_passed
 
 from . import common, layout, output
-from .angles import roll_pitch_yaw
+from .angles import pose_body
 from .graph import listen_option
 from .groups import SuggestingCommand
 from .selecting import selection_options
@@ -83,10 +84,7 @@ def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]
         "source": found.source,
         "asked": asked,
         "stamp_ns": found.stamp,
-        "translation": found.translation.tolist(),
-        "rotation_xyzw": found.rotation.tolist(),
-        "rpy_deg": roll_pitch_yaw(found.rotation),
-        "matrix": found.matrix.tolist(),
+        **pose_body(found),
         "edges": [
             {
                 "child": edge.child,
@@ -126,12 +124,12 @@ def _show(found: Transform, span: tuple[int, int] | None) -> None:
         out.print(layout.wrap(["stamp           " + format_ns(found.stamp), since], " " * 16))
         if date := format_date(found.stamp):
             out.print(f"date            {date} UTC")
-    out.print("translation     " + _numbers(found.translation) + "  m")
-    rotation = ["quaternion      " + _numbers(found.rotation), "  x y z w"]
-    out.print(layout.wrap(rotation, " " * 16))
-    out.print("roll pitch yaw  " + _numbers(roll_pitch_yaw(found.rotation), 4) + "  deg")
+    translation, rotation, rpy, matrix = found._numbers()
+    out.print("translation     " + _numbers(translation) + "  m")
+    out.print(layout.wrap(["quaternion      " + _numbers(rotation), "  x y z w"], " " * 16))
+    out.print("roll pitch yaw  " + _numbers(map(math.degrees, rpy), 4) + "  deg")
     out.print("matrix")
-    for row in found.matrix:
+    for row in matrix:
         out.print("  " + _numbers(row))
     edges = {edge.child: edge for edge in found.report.edges}
     if edges:

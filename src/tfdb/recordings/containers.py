@@ -120,6 +120,11 @@ class Source:
         return self.is_tf or known
 
     @property
+    def holds_joint_states(self) -> bool:
+        """Whether its messages are joint states."""
+        return self.type == JOINT_STATE
+
+    @property
     def is_static(self) -> bool:
         """Whether its topic's name says that its transforms are static.
 

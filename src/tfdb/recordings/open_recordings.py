@@ -16,7 +16,6 @@ from tfdb.data.suggestions import did_you_mean, no_frame
 
 from .containers import (
     FRAME_TRANSFORMS,
-    JOINT_STATE,
     POSE_TYPES,
     POSES_WITHOUT_CHILD,
     Source,
@@ -214,7 +213,7 @@ class OpenRecordings:
                     first.ingest(run, everything, *choice.kind(run.source))
 
         joints = None
-        store(lambda source: choice.wants(source) and source.type != JOINT_STATE)
+        store(lambda source: choice.wants(source) and not source.holds_joint_states)
         if choice.model is not None:
             # What the recording says itself of a frame is taken from there.
             taken = [info.name for info in everything.tree() if info.parent is not None]
@@ -223,7 +222,7 @@ class OpenRecordings:
             fixed = first.fixed_joints()
             if fixed:
                 everything.set_transforms(fixed, static=True)
-            store(lambda source: choice.wants(source) and source.type == JOINT_STATE)
+            store(lambda source: choice.wants(source) and source.holds_joint_states)
         return RecordedEdges.of_store(everything), joints
 
     def _check(self) -> None:
@@ -291,7 +290,7 @@ class OpenRecordings:
         found = {
             topic: source
             for topic, source in sources.items()
-            if source.type == JOINT_STATE and source.encoding in ("ros1", "cdr")
+            if source.holds_joint_states and source.encoding in ("ros1", "cdr")
         }
         wanted = self.choice.joint_topic
         if wanted is None:

@@ -14,7 +14,7 @@ from tfdb.data.refused_transforms import Refused
 from tfdb.data.stamps import format_seconds
 from tfdb.data.suggestions import did_you_mean, first_few, no_frame
 
-from .containers import JOINT_STATE, Source
+from .containers import Source
 from .edge_rules import EdgeRules
 from .pose_messages import decode_joint_state, decode_poses
 from .selection import OTHERS, absolute
@@ -178,39 +178,17 @@ class Rewriter:
         made = _core.Recorded()
         for index in range(run.first, run.last):
             received, id_, data = run.messages[index]
-            left = self.message(data, run.sources[id_], received, static=static)
-            if left is not None:
-                made.add(received, id_, left)
+            source = run.sources[id_]
+            try:
+                given = self.decoded(data, source, received, static=static)
+            except TfdbError as error:
+                self.refusals.append(error)
+                continue
+            left = self.transforms(given, source, static=static)
+            encoded = self.encoded(left, OTHERS) if left else None
+            if encoded is not None:
+                made.add(received, id_, encoded[0])
         return made
-
-    def message(self, data: bytes, source: Source, received: int, *, static: bool) -> bytes | None:
-        """The bytes of a TFMessage; None where nothing of it is left.
-
-        `received` is when the message was, nanoseconds.
-
-        A damaged one is left as it is, for the store to refuse it; what makes no transforms is
-        added to `refusals`.
-        """
-        if self.is_idle and source.is_tf:
-            return data
-        before = len(self.refused_members)
-        try:
-            given = self.decoded(data, source, received, static=static)
-        except TfdbError as error:
-            if source.is_tf:
-                return data
-            self.refusals.append(error)
-            return None
-        left = self.transforms(given, source, static=static)
-        if not left:
-            return None if given or not source.is_tf else data
-        if not source.is_tf:
-            encoded = self.encoded(left, OTHERS)
-            return None if encoded is None else encoded[0]
-        is_whole = len(left) == len(given) and len(self.refused_members) == before
-        if is_whole and not self._renames(source):
-            return data
-        return _core.encode_tf_message(left, source.encoding)
 
     def encoded(
         self, transforms: Sequence[TransformStamped], encoding: str
@@ -303,7 +281,7 @@ class Rewriter:
                 raise bad[0]
             self.refused_members += bad
             return good
-        if source.type == JOINT_STATE:
+        if source.holds_joint_states:
             state = decode_joint_state(data, source)
             return (
                 [] if self.joints is None else self.joints.transforms(state.stamp, state.positions)

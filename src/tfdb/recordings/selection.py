@@ -12,11 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from tfdb.data.argument_checks import check_flag, check_word
 from tfdb.data.decimal_time import UNITS
 from tfdb.data.errors import InvalidArgument
-from tfdb.data.signatures import describe_misfit, read_signature
 from tfdb.data.stamps import shown
 from tfdb.data.time_arguments import time_of
-
-from .containers import JOINT_STATE
 
 if TYPE_CHECKING:
     import os
@@ -211,6 +208,8 @@ def selected(function: Callable[..., Any], options: Selected) -> Selection:
     """Make the selection of a function's `**options`. Raises TypeError for names of others."""
     unknown = [name for name in options if name not in Selection.__dataclass_fields__]
     if unknown:
+        from tfdb.data.signatures import describe_misfit, read_signature  # noqa: PLC0415 - rare
+
         parameters = list(read_signature(function).parameters.values())
         placed = sum(each.default is each.empty for each in parameters)
         raise TypeError(describe_misfit(function.__name__, parameters, placed, unknown))
@@ -279,7 +278,7 @@ class Choice:
         named = self.roles is None or topic in self.roles
         if source.is_tf or (source.holds_transforms and named):
             return named
-        if source.type == JOINT_STATE:
+        if source.holds_joint_states:
             return self.model is not None and topic == self.joint_topic
         return topic in self.pose_topics
 
