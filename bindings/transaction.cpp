@@ -229,7 +229,8 @@ PyMethodDef g_set_transform = {
     "wxyz=None, authority='')\n--\n\n"
     "Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.\n\n"
     "Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError\n"
-    "only at the commit."};
+    "only at the commit. `change_kind` is missing: a transaction cannot drop the samples of a frame\n"
+    "that stays. `only_new` is missing: a transaction can read first which stamps are stored."};
 
 void set_static_transform(TransactionObject& self, nb::handle parent, nb::handle child,
                           nb::handle translation, nb::handle rotation, nb::handle rpy,
@@ -304,7 +305,8 @@ void exit(TransactionObject& self, nb::handle kind, nb::handle, nb::handle) {
 void abort(TransactionObject& self) {
     const Transaction& held = self.transaction;
     held.check_thread();
-    if (held.stage() != Stage::kAborted && held.stage() != Stage::kLost) {
+    const bool has_failed = held.stage() == Stage::kLost || held.stage() == Stage::kRefused;
+    if (held.stage() != Stage::kAborted && !has_failed) {
         try {
             held.check();
         } catch (const Forked&) {
@@ -528,7 +530,8 @@ void bind_transaction_writes(TransactionClass& type) {
             "None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None"),
         R"(Store T[parent<-child] for every stamp, at the commit.
 
-Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.)");
+Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
+`change_kind` is missing: a transaction cannot drop the samples of a frame that stays.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
              nb::arg("static") = false, nb::arg("authority").none() = "",
              nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
@@ -537,7 +540,8 @@ Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at
              R"(Store a batch of transforms T[parent<-child], at the commit.
 
 Arguments and errors as in `Buffer.set_transforms`, but CycleError only at the commit. A batch that
-is refused leaves the transaction as it was, and open.)");
+is refused leaves the transaction as it was, and open. `change_kind` and `only_new` are missing as
+in `set_transform`. `partial` is missing: write one by one, and catch the errors.)");
     type.def("remove_frames", &remove_frames, nb::arg("names").none(), nb::kw_only(),
              nb::arg("recursive") = false,
              nb::sig("def remove_frames(self, names: str | collections.abc.Iterable[str], *, "
@@ -562,7 +566,8 @@ void bind_life(TransactionClass& type) {
     type.def("abort", &abort, nb::sig("def abort(self) -> None"),
              R"(Abort: nothing of the transaction is stored. The `with` block may be left normally.
 
-Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.)");
+Does nothing after an abort, a Conflict or another error at the commit. Raises TransactionClosed if
+it was committed, or never begun.)");
     type.def_prop_ro(
         "closed", [](const TransactionObject& self) { return !self.transaction.is_open(); },
         nb::sig("def closed(self) -> bool"), "True before its begin and after its end.");

@@ -128,7 +128,7 @@ def lost(buffer: tfdb.Buffer) -> tfdb.Transaction:
     return tx
 
 
-def in_vain(buffer: tfdb.Buffer) -> tfdb.Transaction:
+def refused_at_commit(buffer: tfdb.Buffer) -> tfdb.Transaction:
     tx = buffer.transaction()
 
     def work() -> None:
@@ -147,7 +147,7 @@ def in_vain(buffer: tfdb.Buffer) -> tfdb.Transaction:
         (aborted, "aborted"),
         (failed, "aborted"),
         (lost, "lost"),
-        (in_vain, "refused"),
+        (refused_at_commit, "refused"),
     ],
 )
 @uses
@@ -165,6 +165,17 @@ def test_one_that_has_ended(
     assert "Buffer.transaction()" in str(caught.value)
     with refused(buffer, tfdb.errors.TransactionClosed):
         tx.__enter__()
+
+
+@pytest.mark.parametrize("end", [aborted, failed, lost, refused_at_commit])
+def test_abort_does_nothing_after_an_end_without_a_commit(
+    buffer: tfdb.Buffer, end: Callable[[tfdb.Buffer], tfdb.Transaction]
+) -> None:
+    tx = end(buffer)
+    before = repr(tx), buffer.counters().aborts, buffer.commit
+    tx.abort()
+    tx.abort()
+    assert (repr(tx), buffer.counters().aborts, buffer.commit) == before
 
 
 def test_a_committed_transaction_cannot_be_aborted(buffer: tfdb.Buffer) -> None:

@@ -93,10 +93,11 @@ def test_a_stamp_that_comes_twice_in_a_commit_is_one_sample(engine: str) -> None
         direct.set_transforms(batch, authority="me")
         with other.transaction() as tx:
             tx.set_transforms(batch, authority="me")
+            inside = tx.frame_info("base")
         late += sum(stamp < max(seen) for stamp in set(stamps)) if seen else 0
         seen |= set(stamps)
         info = direct.frame_info("base")
-        assert info == other.frame_info("base"), number
+        assert info == other.frame_info("base") == inside, number
         assert (info.late, info.samples) == (late, len(seen)), number
         for have, want in zip(direct.samples("base"), other.samples("base"), strict=True):
             assert np.array_equal(have, want)
@@ -105,6 +106,28 @@ def test_a_stamp_that_comes_twice_in_a_commit_is_one_sample(engine: str) -> None
         assert all(tuple(kept[stamp][:2]) == (number, i) for stamp, i in last.items())
     assert direct.counters().normalised == other.counters().normalised > 0
     assert late > 300
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("is_new", [True, False])
+def test_the_last_write_gives_an_edge_its_authority(engine: str, is_new: bool) -> None:
+    """Also where an earlier write of the transaction has a newer stamp."""
+    direct = tfdb.Buffer(history=None, concurrency=engine)
+    other = tfdb.Buffer(history=None, concurrency=engine)
+    for buffer in (direct, other):
+        if not is_new:
+            buffer.set_transform("map", "base", 15, A[:3], A[3:], authority="before")
+        buffer.set_static_transform("base", "lidar", B[:3], B[3:], authority="before")
+    with other.transaction() as tx:
+        for writes in (direct, tx):
+            writes.set_transform("map", "base", 20, A[:3], A[3:], authority="newest")
+            writes.set_transform("map", "base", 10, B[:3], B[3:], authority="last")
+            writes.set_static_transform("base", "lidar", A[:3], A[3:], authority="first")
+            writes.set_static_transform("base", "lidar", B[:3], B[3:], authority="second")
+        inside = [frame.authority for frame in tx.tree()]
+        assert tx.frame_info("base").authority == "last"
+    assert [frame.authority for frame in other.tree()] == inside
+    assert [frame.authority for frame in direct.tree()] == inside == ["last", "second", ""]
 
 
 # -- waiting without the GIL -----------------------------------------------------------------------

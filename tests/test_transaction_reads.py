@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,8 +62,6 @@ def told(ask: Callable[[], Any]) -> Any:
         return answer.linear.tolist(), answer.angular.tolist()
     if isinstance(answer, tfdb.Trajectory):
         return answer.stamps.tolist(), repr(answer.poses.tolist())
-    if isinstance(answer, tfdb.types.FrameInfo):
-        return replace(answer, late=0)
     if isinstance(answer, tfdb.types.Explanation):
         return answer.ok, [(edge.child, edge.parent, edge.ok, edge.text) for edge in answer.edges]
     if isinstance(answer, np.ndarray):

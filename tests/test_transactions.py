@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -426,3 +427,14 @@ def test_buffers_clock_and_transaction_are_collected() -> None:
     del clock, buffer
     gc.collect()
     assert gone == [True]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["set_transform", "set_static_transform", "set_transforms", "remove_frames", "reparent"],
+)
+def test_a_write_documents_the_arguments_of_buffer_that_it_lacks(name: str) -> None:
+    of_buffer, of_transaction = getattr(tfdb.Buffer, name), getattr(tfdb.Transaction, name)
+    has = inspect.signature(of_transaction).parameters
+    for missing in inspect.signature(of_buffer).parameters.keys() - has.keys():
+        assert f"`{missing}`" in of_transaction.__doc__

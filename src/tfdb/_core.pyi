@@ -1372,7 +1372,8 @@ class NativeTransaction:
         Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
 
         Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError
-        only at the commit.
+        only at the commit. `change_kind` is missing: a transaction cannot drop the samples of a frame
+        that stays. `only_new` is missing: a transaction can read first which stamps are stored.
         """
     @overload
     def set_transform(
@@ -1393,6 +1394,7 @@ class NativeTransaction:
         Store T[parent<-child] for every stamp, at the commit.
 
         Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
+        `change_kind` is missing: a transaction cannot drop the samples of a frame that stays.
         """
 
     def set_transforms(self, batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.Columns, *, static: bool = False, authority: str = '') -> None:
@@ -1400,7 +1402,8 @@ class NativeTransaction:
         Store a batch of transforms T[parent<-child], at the commit.
 
         Arguments and errors as in `Buffer.set_transforms`, but CycleError only at the commit. A batch that
-        is refused leaves the transaction as it was, and open.
+        is refused leaves the transaction as it was, and open. `change_kind` and `only_new` are missing as
+        in `set_transform`. `partial` is missing: write one by one, and catch the errors.
         """
 
     def remove_frames(self, names: str | Iterable[str], *, recursive: bool = False) -> None:
@@ -1435,7 +1438,8 @@ class NativeTransaction:
         """
         Abort: nothing of the transaction is stored. The `with` block may be left normally.
 
-        Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.
+        Does nothing after an abort, a Conflict or another error at the commit. Raises TransactionClosed if
+        it was committed, or never begun.
         """
 
     @property

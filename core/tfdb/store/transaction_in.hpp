@@ -255,6 +255,14 @@ private:
             info.authority = store_.author(id);
         if (!this->writes().is_own(id))
             info.late = store_.frames.word(id, history::kLate).load_relaxed();
+        if (own != nullptr) {
+            typename View::Edge edge;
+            if (!view.open(id, edge))
+                return Outcome::kLapped;
+            info.late += edge.own_late();
+            if (!edge.confirm())
+                return Outcome::kLapped;
+        }
         Outline outline;
         const Outcome outcome = store::outline(view, id, outline);
         fill_from(outline, info);

@@ -165,6 +165,13 @@ public:
             return below;
         return at_own(own_->newest());
     }
+    /// How many own samples come before the newest of others: the commit will count them as late.
+    [[nodiscard]] std::size_t own_late() const {
+        const SampleAt below = has_base_ ? base_.newest() : SampleAt{};
+        if (own_ == nullptr || own_->is_static || !below)
+            return 0;
+        return static_cast<std::size_t>(after(below.stamp - 1) - own_->samples.in_order().begin());
+    }
     void note_newest(clock::StampNs stamp) const { note(stamp, kDusk, stamp); }
     void note_all() const {
         if (reads_ != nullptr)

@@ -88,9 +88,10 @@ public:
     struct Edge {
         FrameId child = kNoFrame;
         bool is_static = false;
-        bool mixed = false;       // several parents, the store's own included
-        std::uint32_t depth = 0;  // hint, of the newest sample's parent plus one
-        Samples samples;          // a static edge has one
+        bool mixed = false;           // several parents, the store's own included
+        std::uint32_t depth = 0;      // hint, of the newest sample's parent plus one
+        std::uint32_t authority = 0;  // of the last write, whatever its stamp
+        Samples samples;              // a static edge has one
 
         [[nodiscard]] const Sample& newest() const { return samples.newest(); }
     };
@@ -169,6 +170,7 @@ public:
             place = add_edge(child);
         Edge& edge = edges_[place];
         edge.is_static = sample.stamp == history::kStaticStamp;
+        edge.authority = sample.authority;
         edge.mixed |= base != kNoFrame && base != sample.parent;
         edge.mixed |= !edge.samples.empty() && edge.newest().parent != sample.parent;
         if (edge.samples.put(sample))
@@ -196,9 +198,9 @@ public:
     [[nodiscard]] const std::string& authority_name(std::uint32_t place) const {
         return authorities_[place];
     }
-    /// Who wrote an edge's newest sample.
+    /// Who wrote an edge last.
     [[nodiscard]] const std::string& author_of(const Edge& edge) const {
-        return authority_name(edge.newest().authority);
+        return authority_name(edge.authority);
     }
 
     /// In the order of their first samples; `child` is kNoFrame where the frame was removed since.
