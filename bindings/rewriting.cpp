@@ -28,9 +28,9 @@ std::map<std::uint32_t, MessageRewriter::Origin> origins_of(const nb::dict& give
     std::map<std::uint32_t, MessageRewriter::Origin> origins;
     for (const auto& [source, parts] : given) {
         const nb::object authority = parts[0];
-        origins[nb::cast<std::uint32_t>(source)] = {
-            encoding, is_static, name_of(authority, "authority"), nb::cast<std::uint32_t>(parts[1]),
-            nb::cast<bool>(parts[2])};
+        origins[nb::cast<std::uint32_t>(source)] = {encoding, is_static,
+                                                    name_of(authority, "authority"),
+                                                    nb::cast<std::uint32_t>(parts[1])};
     }
     return origins;
 }
@@ -151,7 +151,7 @@ void bind_rewriting(nb::module_& module) {
              nb::arg("last"), nb::kw_only(), nb::arg("encoding"), nb::arg("static"),
              nb::arg("sources"), nb::arg("selection").none(),
              nb::sig("def rewrite(self, out: Recorded, messages: Recorded, first: int, last: int, "
-                     "*, encoding: str, static: bool, sources: dict[int, tuple[str, int, bool]], "
+                     "*, encoding: str, static: bool, sources: dict[int, tuple[str, int]], "
                      "selection: Selection | None) -> None"),
              "Add to `out` what is left of the messages at [first, last).\n\n"
              "`sources` are by source: publisher, rule of `selection`, and whether empty names are "

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 S = 10**9
-HISTORY = 10 * S
 NAMES = ["map", "odom", "/driver", "/filter", ""]
 
 
@@ -23,11 +22,7 @@ def one_by_one(
     columns: list[npt.NDArray[np.int64]],
     static: npt.NDArray[np.bool_],
 ) -> None:
-    newest: int | None = None
     for stamp, arrival, parent, publisher, fixed in zip(*columns, static, strict=True):
-        if not fixed and newest is not None and stamp < newest - HISTORY:
-            continue
-        newest = int(stamp) if newest is None else max(newest, int(stamp))
         edge = NAMES[parent], child
         rates.add(edge, int(stamp), int(arrival), NAMES[publisher], static=bool(fixed))
 
@@ -45,9 +40,8 @@ def test_columns_count_as_their_rows(seed: int, offset: int) -> None:
         parents, publishers = rng.integers(0, 2, rows), rng.integers(2, 5, rows)
         static = np.full(rows, child == "camera")
         poses = np.zeros((rows, 7))
-        natively.add_columns(
-            child, (stamps, arrivals, poses, parents, publishers), static, NAMES, HISTORY
-        )
+        columns = (stamps, arrivals, poses, parents, publishers)
+        natively.add_columns(child, columns, static, NAMES)
         one_by_one(expected, child, [stamps, arrivals, parents, publishers], static)
     assert list(natively.of_frames()) == list(expected.of_frames())
     assert natively.of_authors() == expected.of_authors()
@@ -59,5 +53,5 @@ def test_sums_of_delays_do_not_overflow() -> None:
     rates = Rates(0, 1)
     arrivals = np.full(rows, 4000 * S)
     columns = (arrivals - 3599 * S, arrivals, np.zeros((rows, 7)), *[np.zeros(rows, np.int64)] * 2)
-    rates.add_columns("base", columns, np.zeros(rows, bool), NAMES, HISTORY)
+    rates.add_columns("base", columns, np.zeros(rows, bool), NAMES)
     assert rates.frames["base"].periods[0].total == rows * 3599 * S > 2**63

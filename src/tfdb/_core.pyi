@@ -1130,7 +1130,7 @@ class MessageRewriter:
     def __init__(self, encoding: str) -> None:
         """`encoding`: that of the messages to be written."""
 
-    def rewrite(self, out: Recorded, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, sources: dict[int, tuple[str, int, bool]], selection: Selection | None) -> None:
+    def rewrite(self, out: Recorded, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, sources: dict[int, tuple[str, int]], selection: Selection | None) -> None:
         """
         Add to `out` what is left of the messages at [first, last).
 

@@ -166,6 +166,28 @@ def test_monitor_reports_the_whole_recording(tool: Tool, bag: Path) -> None:
     assert "/odometry" in said
 
 
+def test_monitor_looks_at_the_chain_over_the_whole_recording(tool: Tool, tmp_path: Path) -> None:
+    path = tmp_path / "drive.mcap"
+    # Edge a has its last sample at 1 s, edge b goes on: (arrival, stamp) in nanoseconds.
+    arrivals = [("a", S // 100, 0), ("b", S // 50, 0), ("a", S + S // 100, S)]
+    arrivals += [("b", number * S + S // 50, number * S) for number in range(1, 16)]
+    with tfdb.recordings.RecordingWriter(path) as writer:
+        for child, arrival, stamp in arrivals:
+            edge = ("map", "a") if child == "a" else ("a", "b")
+            one = tfdb.TransformStamped(*edge, 100 * S + stamp, (1, 2, 3), TURN)
+            writer.write(tfdb.encode_tf_message([one]), 100 * S + arrival, topic="/tf")
+    newest: dict[str, int] = {}
+    ages = []
+    for child, arrival, stamp in arrivals:
+        newest[child] = stamp
+        if len(newest) == 2:
+            ages.append(arrival - min(newest.values()))
+    (told,) = lines(tool("monitor", path, "map", "b", "--json").out)
+    assert told["chain"]["broken"] is None
+    assert told["chain"]["longest_delay_ns"] == max(ages) > 14 * S
+    assert told["chain"]["delay_ns"] == sum(ages) // len(ages)
+
+
 def test_monitor_follows_a_store(tool: Tool, name: str) -> None:
     store = tfdb.Buffer.open(name)
     store.set_static_transform("base", "camera", (1, 2, 3), TURN, authority="urdf")

@@ -16,6 +16,7 @@ from tfdb.recordings.load_report import refused_by
 from tfdb.recordings.open_recordings import open_recordings
 from tfdb.recordings.rewriting import Rewriting, merged, rewrite
 from tfdb.recordings.selection import Selection
+from wire import oracle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -170,6 +171,23 @@ def test_messages_that_stay_keep_their_bytes(tmp_path: Path) -> None:
     assert first == kept
     assert second[4:8] == bytes(4)
     assert b"tool" in second
+
+
+def test_a_name_that_stays_keeps_its_slash(tmp_path: Path) -> None:
+    path, out = tmp_path / "in.mcap", tmp_path / "out.bag"
+    edges = [("/map", "/odom"), ("/odom", "/base"), ("/odom", "")]
+    pose = (1, 2, 3, 0, 0, 0.6, 0.8)
+    with RecordingWriter(path) as writer:
+        for edge in edges:
+            data = oracle.encode([oracle.row(*edge, 5, pose)], "cdr")
+            writer.write(data, 10, topic="/tf")
+    with opened(path, {"rename": {"map": "world"}}) as recordings, RecordingWriter(out) as writer:
+        done = rewrite(recordings, [recordings.rewriter()], writer)
+    assert (done.messages, done.refused, done.skipped) == (3, 0, 0)
+    with Recording(out) as written:
+        rows = [oracle.decode(data, "ros1")[0] for _, _, data in written.messages()]
+    names = [(row.parent, row.child) for row in rows]
+    assert names == [("world", "/odom"), ("/odom", "/base"), ("/odom", "")]
 
 
 @pytest.mark.parametrize("seed", range(20))

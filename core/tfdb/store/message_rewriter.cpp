@@ -17,11 +17,9 @@ std::optional<Error> fault_in_message(const TransformView& member, std::size_t i
                                       const MessageRewriter::Origin& from) {
     const bool is_readable = clock::is_stamp(member.stamp) && store::is_text(member.parent) &&
                              store::is_text(member.child);
-    if (!is_readable)
-        return fault_of(member, index, from.is_static, from.authority);
-    if (from.refuses_nameless && (member.parent.empty() || member.child.empty()))
-        return fault_of(member, 0, false, from.authority);
-    return std::nullopt;
+    if (is_readable)
+        return std::nullopt;
+    return fault_of(member, index, from.is_static, from.authority);
 }
 
 }  // namespace

@@ -28,8 +28,6 @@ public:
         std::string_view authority;
         /// For `Selection::apply`.
         std::uint32_t rule;
-        /// Whether empty names are refused: no prefix makes a name of them.
-        bool refuses_nameless;
     };
     /// What was refused of one edge with one error, or of messages as a whole.
     struct Refusal {

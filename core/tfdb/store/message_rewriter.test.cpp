@@ -36,8 +36,8 @@ std::vector<std::string> names_of(std::span<const std::byte> message, Encoding e
     return names;
 }
 
-MessageRewriter::Origin from(Encoding encoding, bool refuses_nameless = false) {
-    return {encoding, false, "node", 0, refuses_nameless};
+MessageRewriter::Origin from(Encoding encoding) {
+    return {encoding, false, "node", 0};
 }
 
 /// Changes a byte of the name `from`, which is nowhere else in the message.
@@ -151,13 +151,36 @@ TFDB_TEST(message_rewriter_refuses_stamps_that_the_other_encoding_cannot_hold) {
     CHECK_EQ(rewriter.refusals()[0].edge, "cam");
 }
 
-TFDB_TEST(message_rewriter_refuses_empty_names_where_frames_are_renamed) {
-    const Bytes message = encoded({view("map", "base", 5), view("map", "", 6)}, Encoding::kCdr);
+TFDB_TEST(message_rewriter_keeps_the_slash_before_each_name_that_stays) {
+    TransformView first = view("map", "odom", 5);
+    TransformView second = view("odom", "arm", 6);
+    first.slash_before_parent = first.slash_before_child = true;
+    second.slash_before_parent = second.slash_before_child = true;
+    for (const Encoding to : {Encoding::kRos1, Encoding::kCdr}) {
+        for (const Encoding had : {Encoding::kRos1, Encoding::kCdr}) {
+            MessageRewriter rewriter(to);
+            wire::Selection selection = renaming();
+            const Bytes stays = encoded({first}, had);
+            const auto same = rewriter.rewrite(stays, from(had), &selection);
+            CHECK((Bytes(same.begin(), same.end()) == encoded({first}, to)));
+            // One member of the message gets another name.
+            const Bytes changes = encoded({first, second}, had);
+            const auto made = rewriter.rewrite(changes, from(had), &selection);
+            TransformView renamed = second;
+            renamed.child = "r/arm";
+            renamed.slash_before_child = false;
+            CHECK((Bytes(made.begin(), made.end()) == encoded({first, renamed}, to)));
+        }
+    }
+}
+
+TFDB_TEST(message_rewriter_keeps_empty_names) {
+    const Bytes message = encoded({view("map", "arm", 5), view("map", "", 6)}, Encoding::kCdr);
     MessageRewriter rewriter(Encoding::kCdr);
-    CHECK(rewriter.rewrite(message, from(Encoding::kCdr), nullptr).data() == message.data());
-    const auto made = rewriter.rewrite(message, from(Encoding::kCdr, true), nullptr);
-    CHECK((names_of(made, Encoding::kCdr) == std::vector<std::string>{"map>base"}));
-    CHECK(rewriter.refusals()[0].code == ErrorCode::kInvalidName);
+    wire::Selection selection = renaming("other");
+    const auto made = rewriter.rewrite(message, from(Encoding::kCdr), &selection);
+    CHECK((names_of(made, Encoding::kCdr) == std::vector<std::string>{"map>r/arm", "map>"}));
+    CHECK(rewriter.refusals().empty());
 }
 
 }  // namespace tfdb

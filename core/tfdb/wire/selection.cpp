@@ -5,6 +5,16 @@
 
 namespace tfdb::wire {
 
+namespace {
+
+/// A name that stays keeps the '/' before it.
+void rename(std::string_view& name, bool& slash, std::string_view to) {
+    slash = slash && name == to;
+    name = to;
+}
+
+}  // namespace
+
 void StampRange::include(clock::StampNs stamp) {
     first = std::min(first, stamp);
     last = std::max(last, stamp);
@@ -20,8 +30,8 @@ bool Selection::apply(std::uint32_t rule, bool is_static, std::vector<TransformV
         if (edge == nullptr)
             return true;
         changes = changes || edge->is_renamed;
-        member.parent = edge->names->parent;
-        member.child = edge->names->child;
+        rename(member.parent, member.slash_before_parent, edge->names->parent);
+        rename(member.child, member.slash_before_child, edge->names->child);
         return false;
     });
     left_out_ += left_out;

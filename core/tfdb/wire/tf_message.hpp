@@ -46,6 +46,9 @@ struct TransformView {
     std::string_view child;
     clock::StampNs stamp = 0;
     geometry::Pose pose{};
+    // A message that is written again has the '/' before the name that readers drop.
+    bool slash_before_parent = false;
+    bool slash_before_child = false;
 };
 static_assert(std::is_trivially_copyable_v<TransformView>);
 
@@ -77,7 +80,8 @@ void decode_tf_message(std::span<const std::byte> data, Encoding encoding,
                        std::vector<TransformView>& out);
 
 /// Replaces `out` by one message that decodes to exactly `transforms`: a name that itself starts
-/// with '/' gets a second one, since readers drop the first. `out` keeps its capacity.
+/// with '/' gets a second one, since readers drop the first. A decoded name keeps its own. `out`
+/// keeps its capacity.
 /// Threads: reentrant. Throws, with `index`, and leaves `out` as it was: InvalidStamp (negative, or
 /// past the format's seconds: 2^32 - 1 in ROS 1, 2^31 - 1 in CDR), InvalidName (embedded NUL),
 /// InvalidArgument (a message of 4 GiB or more).

@@ -71,10 +71,10 @@ private:
         need_of_transform(kLayout.prefix_bytes + kStampBytes + kLengthBytes, "header");
         position_ += kLayout.prefix_bytes;
         transform.stamp = read_stamp();
-        transform.parent = read_name(kFrameId);
+        transform.parent = read_name(kFrameId, transform.slash_before_parent);
         align(4);
         need_of_transform(kLengthBytes, kChildFrameId);
-        transform.child = read_name(kChildFrameId);
+        transform.child = read_name(kChildFrameId, transform.slash_before_child);
         align(8);
         need_of_transform(kPoseBytes, "transform");
         load_pose<kLayout>(bytes_ + position_, transform.pose);
@@ -96,7 +96,7 @@ private:
     }
 
     // The four bytes of the length have been checked.
-    std::string_view read_name(const char* field) {
+    std::string_view read_name(const char* field, bool& slash) {
         const std::size_t length = load_u32<kLayout>(bytes_ + position_);
         position_ += kLengthBytes;
         if (length > end_ - position_) {
@@ -108,9 +108,8 @@ private:
         }
         std::string_view name(text, length - kLayout.closing_nul);
         position_ += length;
-        if (name.starts_with('/')) {
-            name.remove_prefix(1);
-        }
+        slash = name.starts_with('/');
+        name.remove_prefix(slash ? 1 : 0);
         return name;
     }
 

@@ -40,14 +40,14 @@ ErrorDetail detail_of(const TransformView& transform, std::size_t index) {
 }
 
 // Readers drop one '/', so a name that starts with one gets another.
-bool needs_slash(std::string_view name) noexcept {
-    return name.starts_with('/');
+bool needs_slash(std::string_view name, bool had_slash) noexcept {
+    return had_slash || name.starts_with('/');
 }
 
 template <Layout kLayout>
-std::size_t after_name(std::size_t position, std::string_view name) noexcept {
+std::size_t after_name(std::size_t position, std::string_view name, bool had_slash) noexcept {
     position += padding<kLayout>(position, 4) + 4;
-    return position + (needs_slash(name) ? 1 : 0) + name.size() + kLayout.closing_nul;
+    return position + (needs_slash(name, had_slash) ? 1 : 0) + name.size() + kLayout.closing_nul;
 }
 
 /// Size of the message after the encapsulation header. Refuses whatever cannot be written, so that
@@ -58,8 +58,8 @@ std::size_t checked_size(std::span<const TransformView> transforms) {
     for (std::size_t i = 0; i < transforms.size(); ++i) {
         const TransformView& transform = transforms[i];
         size += padding<kLayout>(size, 4) + kLayout.prefix_bytes + 8;
-        size = after_name<kLayout>(size, transform.parent);
-        size = after_name<kLayout>(size, transform.child);
+        size = after_name<kLayout>(size, transform.parent, transform.slash_before_parent);
+        size = after_name<kLayout>(size, transform.child, transform.slash_before_child);
         size += padding<kLayout>(size, 8) + kPoseBytes;
         if (size > kMaxMessageBytes) {
             refuse_size(i);
@@ -98,17 +98,17 @@ private:
         position_ += kLayout.prefix_bytes;
         write_u32(static_cast<std::uint64_t>(transform.stamp / clock::kNanosPerSecond));
         write_u32(static_cast<std::uint64_t>(transform.stamp % clock::kNanosPerSecond));
-        write_name(transform.parent);
-        write_name(transform.child);
+        write_name(transform.parent, transform.slash_before_parent);
+        write_name(transform.child, transform.slash_before_child);
         position_ += padding<kLayout>(position_, 8);
         store_pose<kLayout>(origin_ + position_, transform.pose);
         position_ += kPoseBytes;
     }
 
-    void write_name(std::string_view name) noexcept {
-        const std::size_t slash = needs_slash(name) ? 1 : 0;
-        write_u32(slash + name.size() + kLayout.closing_nul);
-        if (slash != 0) {
+    void write_name(std::string_view name, bool had_slash) noexcept {
+        const bool slash = needs_slash(name, had_slash);
+        write_u32((slash ? 1 : 0) + name.size() + kLayout.closing_nul);
+        if (slash) {
             origin_[position_++] = std::byte{'/'};
         }
         if (!name.empty()) {  // the data of an empty view may be null

@@ -221,7 +221,7 @@ def _of_arrivals(file: str) -> tuple[Watch, int]:
         rates.add(edge, 0, began, found.rewriter.model_name, static=True)
     for child, columns, is_static in found.edges:
         flags = np.frombuffer(is_static, dtype=bool)
-        rates.add_columns(child, columns, flags, found.names, _KEPT)
+        rates.add_columns(child, columns, flags, found.names)
     return Watch(loaded.store, None, rates), found.end
 
 
@@ -229,7 +229,7 @@ def _of_chain(
     recordings: OpenRecordings, rewriter: Rewriter, chain: tuple[str, str]
 ) -> tuple[Watch, int]:
     """Store message by message, and look at the chain after each."""
-    store = tfdb.Buffer(history=_KEPT / NS)
+    store = tfdb.Buffer(history=None)
     tally = Tally(store)
     tally.store_model(rewriter)
     watch: Watch | None = None

@@ -143,9 +143,8 @@ class Rates:
         columns: Columns,
         static: npt.NDArray[np.bool_],
         names: Sequence[str],
-        history: int,
     ) -> None:
-        """Count a recorded edge's arrivals, but those that a history (ns) does not keep.
+        """Count a recorded edge's arrivals.
 
         `names` are those of the parents and publishers.
         """
@@ -153,18 +152,17 @@ class Rates:
 
         stamps, arrivals, _, parents, publishers = columns
         newest = np.maximum.accumulate(stamps)
-        kept = static | (stamps >= newest - history)
-        moving = kept & ~static
-        frame = Frame(names[parents[kept][-1]], bool(static[kept][-1]))
+        moving = ~static
+        frame = Frame(names[parents[-1]], bool(static[-1]))
         self.frames[child] = frame
         if not frame.static:
             frame.newest = int(newest[-1])
         period = frame.periods[-1]
         period.add_many((arrivals - stamps)[moving])
-        period.count += int((kept & static).sum())
+        period.count += int(static.sum())
         period.gap = int((stamps[1:] - newest[:-1])[moving[1:]].max(initial=0))
-        for number in np.unique(publishers[kept]).tolist():
-            theirs = kept & (publishers == number)
+        for number in np.unique(publishers).tolist():
+            theirs = publishers == number
             frame.authors[names[number]] = int(theirs.sum())
             sent = self._authors.setdefault(names[number], deque([Delays()]))[-1]
             sent.add_many((arrivals - stamps)[theirs & moving])

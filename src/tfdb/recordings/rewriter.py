@@ -67,7 +67,6 @@ class Rewriter:
         """Errors of messages of which nothing is left."""
         self.refused_members: list[TfdbError] = []
         """Errors of transforms of which the rest of the message is left."""
-        self._empty: Buffer | None = None
         self.is_idle: bool = choice.is_idle
         # Of messages that are rewritten here; `_selection` counts the others.
         self._names: dict[str, str] = {}
@@ -113,7 +112,7 @@ class Rewriter:
     ) -> None:
         """Add what is wanted of a run of TFMessages to messages that will be written."""
         sources = {
-            id_: (source.authority, self._rules.number(source), self._renames(source))
+            id_: (source.authority, self._rules.number(source))
             for id_, source in run.sources.items()
         }
         rewriter.rewrite(
@@ -229,7 +228,12 @@ class Rewriter:
         space = self.space(source)
         if not space:
             return given
-        return [replace(one, parent=space + one.parent, child=space + one.child) for one in given]
+        return [
+            replace(one, parent=space + one.parent, child=space + one.child)
+            if one.parent and one.child
+            else one
+            for one in given
+        ]
 
     def _renames(self, source: Source) -> bool:
         return bool(self._choice.renames or self.space(source))
@@ -269,8 +273,6 @@ class Rewriter:
             members = _core.decode_members(
                 data, source.encoding, static=static, authority=source.authority
             )
-            if self._renames(source):
-                members = [self._named(each, source) for each in members]
             good = [each for each in members if not isinstance(each, TfdbError)]
             bad = [each for each in members if isinstance(each, TfdbError)]
             if bad and not good:
@@ -292,21 +294,6 @@ class Rewriter:
         if found.untimed and not static:
             self.untimed[topic] += found.untimed
         return found.transforms
-
-    def _named(
-        self, one: TransformStamped | TfdbError, source: Source
-    ) -> TransformStamped | TfdbError:
-        """A transform of which both names are there; else the error of a store that gets it."""
-        if isinstance(one, TfdbError) or (one.parent and one.child):
-            return one
-        if self._empty is None:  # a store takes address space, which may be scarce
-            self._empty = _core.Buffer()
-        try:
-            self._empty.set_transforms([one], authority=source.authority)
-        except TfdbError as error:
-            error.edge = one.child
-            return error
-        return one
 
     @property
     def model_name(self) -> str:
@@ -426,7 +413,7 @@ class Rewriter:
         return False
 
     def _renamed(self, transform: TransformStamped) -> TransformStamped:
-        if not self._choice.renames:
+        if not (self._choice.renames and transform.parent and transform.child):
             return transform
         parent, child = self._name(transform.parent), self._name(transform.child)
         return replace(transform, parent=parent, child=child)
