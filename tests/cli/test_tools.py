@@ -15,6 +15,7 @@ import threading
 import time
 from contextlib import suppress
 from itertools import count, pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -28,7 +29,6 @@ from tfdb.judging.rates import Rates
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from conftest import Tool
 
@@ -186,6 +186,13 @@ def test_monitor_looks_at_the_chain_over_the_whole_recording(tool: Tool, tmp_pat
     assert told["chain"]["broken"] is None
     assert told["chain"]["longest_delay_ns"] == max(ages) > 14 * S
     assert told["chain"]["delay_ns"] == sum(ages) // len(ages)
+
+
+def test_monitor_of_a_chain_names_refused_transforms_and_the_options(tool: Tool) -> None:
+    case = Path(__file__).resolve().parents[1] / "cases" / "static_and_dyn.mcap"
+    warned = tool("monitor", case, "odom", "base_link", "--json").err
+    assert "50 transforms of frame 'base_link' were refused with StaticConflict" in warned
+    assert "--exclude '/tf_static:base_link'" in warned
 
 
 def test_monitor_follows_a_store(tool: Tool, name: str) -> None:

@@ -232,6 +232,8 @@ def _of_chain(
     store = tfdb.Buffer(history=None)
     tally = Tally(store)
     tally.store_model(rewriter)
+    for recording in recordings.files:
+        tally.count(recording, recordings.choice)
     watch: Watch | None = None
     follower = Follower(Live(store))
     arrival = 0
@@ -244,7 +246,8 @@ def _of_chain(
                 continue
             watch = watch or Watch(store, chain, Rates(arrival, 1))
             watch.take(follower.changes(0.0), arrival, one.source.authority)
-    warn_of_refused([recordings.names], tally.refused_edges.values(), 2)
+    report = tally.report((recordings.names,), 0.0, rewriter, empty=True)
+    warn_of_refused(report.files, report.refused_edges, 2)
     common.find_frames(store, *chain)
     return watch or Watch(store, chain, Rates(0, 1)), arrival
 
