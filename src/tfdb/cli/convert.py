@@ -62,7 +62,7 @@ def command(
     For viewers, write an .rrd for Rerun, or an .mcap with --foxglove for Foxglove.
 
     Between recordings each message keeps its topic, its receive time and, if OUT can hold it, its
-    publisher. Messages without transforms are dropped. Several INs become one OUT.
+    publisher. Topics of other messages, such as images, are dropped. Several INs become one OUT.
     """
     path = check_path(out)
     suffix = path.suffix.lower()
