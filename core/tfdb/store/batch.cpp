@@ -394,7 +394,7 @@ void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampN
     std::optional<store::ReadPin> pin;
     if (store_->engine == nullptr && stamps.size() > kBlock)
         pin.emplace(*store_);
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
+    const bool found = store::read(*store_, held_, [&](const StoreView& view) {
         const auto find = [&](FrameRef& frame) {
             FrameHandle& known = frame.handle;
             if (known.id == kNoFrame || view.generation(known.id) != known.generation ||
@@ -406,10 +406,8 @@ void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampN
         request.source = find(source);
         return run(view);
     });
-    if (outcome == Outcome::kOk)
+    if (found)
         return;
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
     try {
         raise(space.failure, store::by_name(Question::kAt, target.name, source.name));
     } catch (Error& error) {
@@ -498,14 +496,12 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
                                         std::optional<StampNs> end) const {
     std::vector<StampNs> stamps;
     Failure failure;
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
+    const bool found = store::read(*store_, held_, [&](const StoreView& view) {
         const FrameId from = store_->names.find(source, view.commit());
         const FrameId to = store_->names.find(target, view.commit());
         return store::path_stamps(view, to, from, start, end, stamps, failure);
     });
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
-    if (outcome == Outcome::kFailed)
+    if (!found)
         raise(failure, store::by_name(Question::kCommonTime, target, source));
     return stamps;
 }

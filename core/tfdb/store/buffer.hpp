@@ -83,6 +83,9 @@ namespace store {
 
 struct Store;  // what a Buffer and its Snapshots share: store.hpp
 
+/// In place of a snapshot's commit: each read is of the newest state.
+inline constexpr CommitNumber kNewest = ~CommitNumber{0};
+
 /// Why no frame may have that name ("is empty"); null if one may.
 [[nodiscard]] const char* name_fault(std::string_view name) noexcept;
 inline constexpr const char* kNameRule =
@@ -303,10 +306,9 @@ public:
 protected:
     Reads(std::shared_ptr<store::Store> store, CommitNumber held)
         : store_(std::move(store)), held_(held) {}
-    static constexpr CommitNumber kFresh = ~CommitNumber{0};
 
     std::shared_ptr<store::Store> store_;
-    CommitNumber held_;  // the snapshot's commit, or kFresh
+    CommitNumber held_;  // the snapshot's commit, or kNewest
 
 private:
     template <class Emit>

@@ -115,10 +115,8 @@ private:
     /// Reads of the state; throws SnapshotTooOld.
     template <class Attempt>
     void read(Attempt attempt) const {
-        constexpr CommitNumber kFresh = ~CommitNumber{0};
         may_end();
-        if (read_committed(store_, held_, kFresh, attempt) == Outcome::kLapped)
-            throw_unreadable(store_, held_);
+        (void)store::read(store_, held_, attempt);
     }
 
     void find_frames() {

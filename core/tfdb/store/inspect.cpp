@@ -95,6 +95,20 @@ Outcome walk_both(const store::Store& store, const StoreView& view, FrameId targ
     return Outcome::kOk;
 }
 
+/// Runs `attempt(view, id)` on the frame of that name, as store::read. Throws UnknownFrame.
+template <class Attempt>
+void read_frame(const store::Store& store, CommitNumber held, std::string_view name,
+                Attempt attempt) {
+    CommitNumber at = 0;
+    const bool found = store::read(store, held, [&](const StoreView& view) {
+        at = view.commit();
+        const FrameId id = store.names.find(name, at);
+        return id == kNoFrame ? Outcome::kFailed : attempt(view, id);
+    });
+    if (!found)
+        store::throw_unknown_frame(name, at, store::did_you_mean(store, at, name));
+}
+
 template <class Visit>
 Outcome for_each_frame(const StoreView& view, Visit visit) {
     for (FrameId id = 0; id < view.frame_count(); ++id) {
@@ -140,7 +154,7 @@ Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& 
 
 std::vector<std::string> Reads::frames() const {
     std::vector<std::string> names;
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
+    (void)store::read(*store_, held_, [&](const StoreView& view) {
         names.clear();
         const Outcome all = for_each_frame(view, [&](FrameId id) {
             const bool alive = read_name(*store_, view, id, names.emplace_back());
@@ -148,30 +162,21 @@ std::vector<std::string> Reads::frames() const {
         });
         return store::unless_reused(*store_, view.commit(), all);
     });
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
     std::sort(names.begin(), names.end());
     return names;
 }
 
 FrameInfo Reads::frame_info(std::string_view name) const {
     FrameInfo info;
-    CommitNumber at = 0;
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
-        at = view.commit();
-        const FrameId id = store_->names.find(name, at);
-        return id == kNoFrame ? Outcome::kFailed : fill_info(*store_, view, id, info);
+    read_frame(*store_, held_, name, [&](const StoreView& view, FrameId id) {
+        return fill_info(*store_, view, id, info);
     });
-    if (outcome == Outcome::kFailed)
-        store::throw_unknown_frame(name, at, store::did_you_mean(*store_, at, name));
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
     return info;
 }
 
 std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
     std::vector<FrameInfo> infos;
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
+    (void)store::read(*store_, held_, [&](const StoreView& view) {
         infos.clear();
         std::vector<FrameId> parents;
         const Outcome hung = stamp ? all_parents(view, *stamp, parents) : Outcome::kOk;
@@ -188,8 +193,6 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
         });
         return store::unless_reused(*store_, view.commit(), hung == Outcome::kOk ? all : hung);
     });
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
     std::sort(infos.begin(), infos.end(),
               [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });
     return infos;
@@ -197,13 +200,8 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
 
 Samples Reads::samples(std::string_view name) const {
     Samples out;
-    CommitNumber at = 0;
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
-        at = view.commit();
+    read_frame(*store_, held_, name, [&](const StoreView& view, FrameId id) {
         out = Samples{};
-        const FrameId id = store_->names.find(name, at);
-        if (id == kNoFrame)
-            return Outcome::kFailed;
         store::Track track;
         const Outcome collected = store::collect_all(view, id, track);
         if (collected != Outcome::kOk)
@@ -228,10 +226,6 @@ Samples Reads::samples(std::string_view name) const {
         sync::fence_acquire();
         return view.alive(id) ? Outcome::kOk : Outcome::kLapped;
     });
-    if (outcome == Outcome::kFailed)
-        store::throw_unknown_frame(name, at, store::did_you_mean(*store_, at, name));
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
     return out;
 }
 
@@ -255,38 +249,27 @@ Reach Reads::reach(std::string_view target, std::string_view source,
         }
         return walk_both(*store_, view, to, from, reach);
     };
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
+    (void)store::read(*store_, held_, [&](const StoreView& view) {
         reach = Reach{};
         reach.stamp = stamp.value_or(0);
         const FrameId to = store_->names.find(target, view.commit());
         const FrameId from = store_->names.find(source, view.commit());
         return store::unless_reused(*store_, view.commit(), walk(view, to, from));
     });
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
     return reach;
 }
 
 std::optional<std::string> Reads::parent_of(std::string_view name,
                                             std::optional<StampNs> stamp) const {
     std::optional<std::string> found;
-    CommitNumber at = 0;
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
-        at = view.commit();
+    read_frame(*store_, held_, name, [&](const StoreView& view, FrameId id) {
         found.reset();
-        const FrameId id = store_->names.find(name, at);
-        if (id == kNoFrame)
-            return Outcome::kFailed;
         FrameId parent = kNoFrame;
         const Outcome read = lookup::parent_at(view, id, stamp, parent);
         if (parent == kNoFrame)
-            return store::unless_reused(*store_, at, read);
+            return store::unless_reused(*store_, view.commit(), read);
         return read_name(*store_, view, parent, found.emplace()) ? read : Outcome::kLapped;
     });
-    if (outcome == Outcome::kFailed)
-        store::throw_unknown_frame(name, at, store::did_you_mean(*store_, at, name));
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
     return found;
 }
 

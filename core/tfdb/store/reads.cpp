@@ -39,7 +39,7 @@ void throw_unreadable(const Store& store, CommitNumber held) {
 
 bool ask(const Store& store, CommitNumber held, Question& question, Answer& answer,
          Failure& failure) {
-    const Outcome outcome = read_committed(store, held, kNewest, [&](const StoreView& view) {
+    const Outcome outcome = read_committed(store, held, [&](const StoreView& view) {
         const auto find = [&](std::string_view name) {
             return store.names.find(name, view.commit());
         };
@@ -56,7 +56,7 @@ bool ask(const Store& store, CommitNumber held, Question& question, Answer& answ
 }  // namespace store
 
 CommitNumber Reads::commit() const {
-    return held_ == kFresh ? store_->committed() : held_;
+    return held_ == store::kNewest ? store_->committed() : held_;
 }
 
 bool Reads::is_current(FrameHandle handle) const noexcept {
@@ -74,14 +74,14 @@ bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
         // The slot may have been reused between the two.
         return view.alive(out.id) ? Outcome::kOk : Outcome::kLapped;
     };
-    const Outcome outcome = store::read_committed(*store_, held_, kFresh, attempt);
+    const Outcome outcome = store::read_committed(*store_, held_, attempt);
     if (outcome == Outcome::kLapped)
         store::throw_unreadable(*store_, held_);
     return outcome == Outcome::kOk;
 }
 
 bool Reads::ask(Question& question, Answer& answer, Failure& failure) const {
-    if (held_ == kFresh && store_->engine != nullptr) [[unlikely]] {
+    if (held_ == store::kNewest && store_->engine != nullptr) [[unlikely]] {
         store::check_not_in_transaction(*store_);
         return store_->engine->read(question, answer, failure) == Outcome::kOk;
     }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -161,9 +162,6 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     std::unique_ptr<Engine> engine;  // null: the default engine
 };
 
-inline constexpr int kTriesBeforePin = 4;
-inline constexpr int kTriesShared = 1000;
-
 /// The store to oneself: the commit lock is held and, in engines that let others go beside it,
 /// nobody is under way.
 /// Threads: one. Guarantee: blocks until all that came before are done; the wait for the lock may
@@ -230,60 +228,52 @@ private:
                                                                     : outcome;
 }
 
-/// Held by who reads the newest state each time.
-inline constexpr CommitNumber kNewest = ~CommitNumber{0};
-
 /// Asks the newest state, or the held one, of the default engine.
 [[nodiscard]] bool ask(const Store& store, CommitNumber held, Question& question, Answer& answer,
                        Failure& failure);
 
-/// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it. After a
-/// few tries it is pinned: what it needs is not used again, unless held states keep as much memory
-/// as they may. kLapped: this snapshot's samples are gone.
+/// Repeats a read that a writer overtook: a few times, then with pins that keep its state, unless
+/// held states keep as much memory as they may. kLapped: the held commit's samples are gone.
+[[nodiscard]] lookup::Outcome read_again(const Store& store, CommitNumber held,
+                                         const std::function<lookup::Outcome()>& once);
+
+/// Runs `attempt(view)` on the newest view, or on the held one, until no writer overtakes it; as
+/// `read_again`. `held`: a snapshot's commit, or kNewest.
 template <class Attempt>
-lookup::Outcome read_committed(const Store& store, CommitNumber held, CommitNumber fresh,
-                               Attempt attempt) {
+lookup::Outcome read_committed(const Store& store, CommitNumber held, Attempt attempt) {
     const auto once = [&] {
-        const CommitNumber commit = held == fresh ? store.committed() : held;
+        const CommitNumber commit = held == kNewest ? store.committed() : held;
         const lookup::Outcome outcome = attempt(store.view(commit));
         return outcome == lookup::Outcome::kFailed ? unless_reused(store, commit, outcome)
                                                    : outcome;
     };
-    lookup::Outcome outcome = once();
-    if (outcome != lookup::Outcome::kLapped)
+    const lookup::Outcome outcome = once();
+    if (outcome != lookup::Outcome::kLapped) [[likely]]
         return outcome;
-    for (int i = 1; i < kTriesBeforePin; ++i) {
-        store.lapped_reads.fetch_add(1);
-        outcome = once();
-        if (outcome != lookup::Outcome::kLapped)
-            return outcome;
-    }
-    store.pinned_reads.fetch_add(1);
-    int tries = 0;
-    do {
-        const ReadPin pin(store);
-        outcome = once();
-        // Whose pins nobody sees may be overtaken for ever, and whoever reads what was damaged.
-        if (store.shared != nullptr && ++tries > kTriesShared)
-            break;
-    } while (outcome == lookup::Outcome::kLapped && held == fresh);
-    return outcome;
+    return read_again(store, held, std::cref(once));
 }
 
-/// The same. Engines that guard frames may have commits under way that are numbered already: there
-/// a fresh read is alone from the start.
-template <class Attempt>
-lookup::Outcome read(const Store& store, CommitNumber held, CommitNumber fresh, Attempt attempt) {
-    if (held != fresh || store.engine == nullptr) [[likely]]
-        return read_committed(store, held, fresh, attempt);
-    check_may_wait(store);
-    const Alone alone(store);
-    return attempt(store.view(store.committed()));
-}
-
-/// After kLapped: says why. Throws SnapshotTooOld; CorruptStore of a frozen store, which nobody
-/// overtakes. `held`: the snapshot's commit, or kNewest.
+/// Throws the error of a state that cannot be read: SnapshotTooOld, or CorruptStore for a frozen
+/// store, which has no writers. `held`: as in `read_committed`.
 [[noreturn]] void throw_unreadable(const Store& store, CommitNumber held);
+
+/// As `read_committed`, but false for kFailed, and a throw for kLapped. Engines that guard frames
+/// may have commits under way that are numbered already: there a read of the newest state is alone
+/// from the start.
+template <class Attempt>
+bool read(const Store& store, CommitNumber held, Attempt attempt) {
+    lookup::Outcome outcome{};
+    if (held != kNewest || store.engine == nullptr) [[likely]] {
+        outcome = read_committed(store, held, attempt);
+    } else {
+        check_may_wait(store);
+        const Alone alone(store);
+        outcome = attempt(store.view(store.committed()));
+    }
+    if (outcome == lookup::Outcome::kLapped)
+        throw_unreadable(store, held);
+    return outcome == lookup::Outcome::kOk;
+}
 
 /// "(removed)" where the slot was reused since.
 [[nodiscard]] inline std::string name_of_frame(const Store& store, FrameId id,

@@ -30,23 +30,20 @@ Twist Reads::lookup_velocity(std::string_view target, std::string_view source,
                              std::optional<StampNs> stamp, StampNs interval,
                              std::string_view reference, geometry::Vec3 point,
                              std::string_view point_frame) const {
-    using lookup::Outcome;
     const store::VelocityQuestion question =
         store::velocity_question(target, source, stamp, interval, reference, point, point_frame);
     Twist twist{};
     store::Asked asked;
     Failure failure;
-    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
+    const bool found = store::read(*store_, held_, [&](const StoreView& view) {
         const auto find = [&](std::string_view name) {
             return store_->names.find(name, view.commit());
         };
         return store::velocity_at(view, find, question, twist, asked, failure);
     });
-    if (outcome == Outcome::kOk)
-        return twist;
-    if (outcome == Outcome::kLapped)
-        store::throw_unreadable(*store_, held_);
-    raise(failure, asked.about(question));
+    if (!found)
+        raise(failure, asked.about(question));
+    return twist;
 }
 
 }  // namespace tfdb
