@@ -6,7 +6,7 @@
 #include "messages.hpp"
 #include "reads.hpp"
 #include "signatures.hpp"
-#include "tf2_calls.hpp"
+#include "tf2/calls.hpp"
 #include "transform.hpp"
 
 namespace nb = nanobind;

@@ -148,7 +148,12 @@ def _bindings(tree: Path, bindings: dict[str, Any]) -> Iterator[Violation]:
             line = _line_of(text, name)
             if parts[0] == "tfdb" and parts[1] not in allowed:
                 yield Violation("layer", shown, line, f"may not use `{parts[1]}` ({name})")
-            elif "/" in name and parts[0] != "tfdb" and not _third_party(name, bindings):
+            elif (
+                "/" in name
+                and parts[0] != "tfdb"
+                and not (tree / bindings["root"] / name).is_file()
+                and not _third_party(name, bindings)
+            ):
                 yield Violation("third-party", shown, line, f"may not include {name}")
 
 

@@ -77,6 +77,8 @@ def tree(tmp_path: Path) -> Path:
         "core/tfdb/sync/word.hpp": "#include <atomic>\nauto order = std::memory_order_relaxed;\n",
         "core/tfdb/wire/cdr.hpp": '#include "tfdb/base/ids.hpp"\n',
         "bindings/module.cpp": '#include <nanobind/nanobind.h>\n#include "tfdb/store/x.hpp"\n',
+        "bindings/tf2/calls.cpp": '#include "tf2/calls.hpp"\n',
+        "bindings/tf2/calls.hpp": "#pragma once\n",
         "src/tfdb/__init__.py": "import numpy\nfrom tfdb._core import Buffer\n",
         "src/tfdb/recordings/__init__.py": "from tfdb.data import errors\n",
         "measure/against/groups.hpp": "#pragma once\n",

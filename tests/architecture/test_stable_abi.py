@@ -55,7 +55,7 @@ def test_code_of_other_wheels_is_not_checked() -> None:
 
 
 def test_the_bindings_call_none() -> None:
-    sources = sorted(BINDINGS.glob("*.?pp"))
+    sources = sorted(BINDINGS.rglob("*.?pp"))
     assert sources
     found = {path.name: strangers(path.read_text(encoding="utf-8")) for path in sources}
     assert {name: names for name, names in found.items() if names} == {}

@@ -1,7 +1,7 @@
 // The hottest calls of tfdb.tf2, as base classes of its BufferCore and Buffer: each answers what is
 // plain, and hands everything else to a method of the same name, behind an underscore, in Python.
 // The rules of tf2 are there.
-#include "tf2_calls.hpp"
+#include "tf2/calls.hpp"
 
 #include <array>
 #include <optional>
