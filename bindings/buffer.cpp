@@ -208,34 +208,40 @@ CommitNumber set_static_transform(BufferObject& self, nb::handle parent, nb::han
     const TransformView view = view_of(
         parent.ptr(), child.ptr(), nullptr,
         {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(), child.ptr()});
-    return commit_transforms(self, {&view, 1}, true, name_of(authority, "authority"),
-                             {change_kind, false});
+    return commit_write(self, {.transforms = {&view, 1},
+                               .is_static = true,
+                               .authority = name_of(authority, "authority"),
+                               .rules = {change_kind, false}});
 }
 
 nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
                           nb::handle authority, bool partial, bool change_kind, bool only_new) {
-    const WriteRules rules{change_kind, only_new};
-    const std::string_view who = name_of(authority, "authority");
-    const auto store_partial = [&](const Transforms& transforms, auto&&... given) {
-        std::vector<RefusedMember> refused;
+    WriteRequest request{.is_static = is_static,
+                         .authority = name_of(authority, "authority"),
+                         .rules = {change_kind, only_new},
+                         .partial = partial};
+    const auto store_partial = [&](const Transforms& transforms) {
+        WriteResult result;
         {
             const LongWork work(true);
-            CommitNumber commit = 0;
-            refused = self.open_store().set_transforms_partial(given..., who, commit, rules);
+            result = self.open_store().write(request);
         }
-        return transforms.refused(refused);
+        return transforms.refused(result.refused);
     };
     if (const auto edge = is_static ? std::nullopt : OneEdge::of(batch)) {
         const EdgeColumns columns = edge->columns();
+        request.columns = &columns;
         if (partial)
-            return store_partial(Transforms(), columns);
-        return nb::int_(commit_transforms(self, columns, who, rules));
+            return store_partial(Transforms());
+        return nb::int_(commit_write(self, request));
     }
     const Transforms transforms = Transforms::from_batch(batch, is_static);
+    request.transforms = transforms.views;
     if (partial)
-        return store_partial(transforms, transforms.views, is_static);
+        return store_partial(transforms);
     return nb::int_(transforms.give_to([&](std::span<const TransformView> views) {
-        return commit_transforms(self, views, is_static, who, rules);
+        request.transforms = views;
+        return commit_write(self, request);
     }));
 }
 

@@ -77,17 +77,23 @@ public:
     /// Returns the refused members. Throws what concerns no member, as CapacityExceeded; with
     /// `throw_if_none` also the error of a message of which no member can be stored.
     std::vector<RefusedMember> store(bool throw_if_none) {
+        WriteRequest request{.transforms = transforms,
+                             .is_static = is_static_,
+                             .authority = authority_,
+                             .rules = rules_};
         try {
-            commit = commit_transforms(buffer_, transforms, is_static_, authority_, rules_);
+            commit = commit_write(buffer_, request);
             return {};
         } catch (const Error& error) {
             const std::size_t refused = error.detail().refused.size();
             if (refused == 0 || (throw_if_none && refused == transforms.size()))
                 throw;
         }
+        request.partial = true;
         const LongWork work(true);
-        return buffer_.open_store().set_transforms_partial(transforms, is_static_, authority_,
-                                                           commit, rules_);
+        WriteResult result = buffer_.open_store().write(request);
+        commit = result.commit;
+        return std::move(result.refused);
     }
 
     std::vector<TransformView> transforms;
@@ -227,8 +233,12 @@ void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_sta
     try {
         wire::decode_tf_message(bytes, encoding, scratch);
         select(scratch);
-        const auto refused =
-            store.set_transforms_partial(scratch, is_static, authority, tally.commit);
+        const WriteResult result = store.write({.transforms = scratch,
+                                                .is_static = is_static,
+                                                .authority = authority,
+                                                .partial = true});
+        tally.commit = result.commit;
+        const auto& refused = result.refused;
         const std::size_t stored = scratch.size() - refused.size();
         tally.transforms += stored;
         tally.commits += stored == 0 ? 0 : 1;

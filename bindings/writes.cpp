@@ -22,22 +22,11 @@ PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
     return guarded([&]() -> PyObject* {
         const auto store = [self](const TransformView& view, std::string_view authority,
                                   WriteRules rules) {
-            return commit_transforms(buffer_of(self), {&view, 1}, false, authority, rules);
+            return commit_write(buffer_of(self),
+                                {.transforms = {&view, 1}, .authority = authority, .rules = rules});
         };
         return PyLong_FromUnsignedLongLong(read_set_transform<true>(args, count, keywords, store));
     });
-}
-
-/// With the GIL if nobody is in the way of so few samples, else without it.
-template <class Try, class Commit>
-CommitNumber commit_soon(BufferObject& buffer, std::size_t samples, Try&& try_commit,
-                         Commit&& commit) {
-    CommitNumber number = 0;
-    if (samples < kReleaseFrom && !buffer.reasons.to_wait() && try_commit(number)) {
-        return number;
-    }
-    const LongWork work(true);
-    return commit();
 }
 
 PyMethodDef g_set_transform = {
@@ -69,25 +58,17 @@ PyMethodDef g_set_transform = {
 
 }  // namespace
 
-CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformView> batch,
-                               bool is_static, std::string_view authority, WriteRules rules) {
-    return commit_soon(
-        buffer, batch.size(),
-        [&](CommitNumber& commit) {
-            return buffer.open_store().try_set_transforms(batch, is_static, authority, commit,
-                                                          rules);
-        },
-        [&] { return buffer.open_store().set_transforms(batch, is_static, authority, rules); });
-}
-
-CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
-                               std::string_view authority, WriteRules rules) {
-    return commit_soon(
-        buffer, columns.stamps.size(),
-        [&](CommitNumber& commit) {
-            return buffer.open_store().try_set_transforms(columns, authority, commit, rules);
-        },
-        [&] { return buffer.open_store().set_transforms(columns, authority, rules); });
+CommitNumber commit_write(BufferObject& buffer, WriteRequest request) {
+    if (request.size() < kReleaseFrom && !buffer.reasons.to_wait()) {
+        request.wait = false;
+        const WriteResult result = buffer.open_store().write(request);
+        if (!result.busy) {
+            return result.commit;
+        }
+        request.wait = true;
+    }
+    const LongWork work(true);
+    return buffer.open_store().write(request).commit;
 }
 
 FrameNames::FrameNames(nb::handle names) {

@@ -20,12 +20,9 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// Commits with the GIL held if no other writer is at it, else waits without the GIL.
-CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformView> batch,
-                               bool is_static, std::string_view authority, WriteRules rules = {});
-
-CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
-                               std::string_view authority, WriteRules rules);
+/// Commits small requests with the GIL held unless another writer is at it, others without the
+/// GIL; returns the commit's number.
+CommitNumber commit_write(BufferObject& buffer, WriteRequest request);
 
 /// The names of frames that a caller gave: one str, or several.
 class FrameNames {

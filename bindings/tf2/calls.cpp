@@ -270,7 +270,9 @@ PyObject* store_message(const Using& plain, PyObject* message, PyObject* authori
         frame_of(child),
         *stamp,
         {vector_of(translation.ptr(), "translation"), quaternion_of(rotation.ptr(), "rotation")}};
-    commit_transforms(buffer, {&view, 1}, false, name_of(authority, "authority"), plain->rules);
+    commit_write(buffer, {.transforms = {&view, 1},
+                          .authority = name_of(authority, "authority"),
+                          .rules = plain->rules});
     return Py_NewRef(Py_None);
 }
 

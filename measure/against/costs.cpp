@@ -314,13 +314,13 @@ void depth_rows(const Costs& costs) {
             std::generate(stamps.begin(), stamps.end(), [&] { return any(random); });
             tfdb::Answer answer;
             tfdb::Failure failure;
-            each[which] =
-                nanos_of([&] {
-                    for (const StampNs stamp : stamps) {
-                        keep(buffer.try_lookup(target, source, stamp, {}, answer, failure));
-                    }
-                }) /
-                kLookups;
+            each[which] = nanos_of([&] {
+                              for (const StampNs stamp : stamps) {
+                                  keep(buffer.ask(tfdb::store::at_stamp(target, source, stamp, {}),
+                                                  answer, failure));
+                              }
+                          }) /
+                          kLookups;
             add(times, which == 2 ? "3.6 n samples" : std::to_string(depths[which]) + " samples",
                 each[which]);
         }

@@ -75,7 +75,7 @@ double ours_seconds(const std::vector<std::string>& names, const std::vector<tfd
         return -1;
     }
     for (std::size_t i = 0; i < stamps.size(); ++i) {
-        if (buffer->try_lookup(target, source, stamps[i], {}, answer, failure)) {
+        if (buffer->ask(tfdb::store::at_stamp(target, source, stamps[i], {}), answer, failure)) {
             poses[i] = answer.pose;
         }
     }

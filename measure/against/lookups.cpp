@@ -42,7 +42,8 @@ public:
             tfdb::FrameHandle t;
             tfdb::FrameHandle s;
             if (chain_.ours->find_frame(target(), t) && chain_.ours->find_frame(source(), s)) {
-                keep(chain_.ours->try_lookup(t, s, stamps_[i & 1'023], {}, answer_, failure_));
+                keep(chain_.ours->ask(tfdb::store::at_stamp(t, s, stamps_[i & 1'023], {}), answer_,
+                                      failure_));
             }
         }
     }
@@ -55,8 +56,9 @@ public:
 
     void ours_newest(std::size_t count) {
         for (std::size_t i = 0; i < count; ++i) {
-            keep(chain_.ours->try_lookup_latest(chain_.target, chain_.source, std::nullopt, 0,
-                                                answer_, failure_));
+            keep(chain_.ours->ask(
+                tfdb::store::of_newest(chain_.target, chain_.source, std::nullopt, 0), answer_,
+                failure_));
         }
     }
 
@@ -81,7 +83,8 @@ private:
     [[nodiscard]] const std::string& source() const { return chain_.names.back(); }
 
     void ask(std::optional<tfdb::StampNs> stamp) {
-        keep(chain_.ours->try_lookup(chain_.target, chain_.source, stamp, {}, answer_, failure_));
+        keep(chain_.ours->ask(tfdb::store::at_stamp(chain_.target, chain_.source, stamp, {}),
+                              answer_, failure_));
         keep(answer_.pose);
     }
 

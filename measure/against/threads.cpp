@@ -99,8 +99,9 @@ struct Lookups {
             return
                 [this, answer = tfdb::Answer{}, failure = tfdb::Failure{}](std::size_t i) mutable {
                     const tfdb::StampNs stamp = stamps_[i & 1'023];
-                    keep(chain_.ours->try_lookup(chain_.target, chain_.source, stamp, {}, answer,
-                                                 failure));
+                    keep(chain_.ours->ask(
+                        tfdb::store::at_stamp(chain_.target, chain_.source, stamp, {}), answer,
+                        failure));
                 };
         };
     }

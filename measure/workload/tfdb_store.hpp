@@ -111,8 +111,10 @@ public:
         const FrameHandle from = store_.handles_[source];
         const bool found =
             store_.options_.time == Time::kLatest
-                ? store_.buffer_.try_lookup_latest(to, from, std::nullopt, 0, answer_, failure_)
-                : store_.buffer_.try_lookup(to, from, std::nullopt, {}, answer_, failure_);
+                ? store_.buffer_.ask(tfdb::store::of_newest(to, from, std::nullopt, 0), answer_,
+                                     failure_)
+                : store_.buffer_.ask(tfdb::store::at_stamp(to, from, std::nullopt, {}), answer_,
+                                     failure_);
         note(found, used);
         return found;
     }
@@ -123,10 +125,11 @@ public:
         const std::string& from = store_.forest_.name(source);
         bool found = false;
         until_committed(lost, [&](Transaction& transaction) {
-            found =
-                store_.options_.time == Time::kLatest
-                    ? transaction.try_lookup_latest(to, from, std::nullopt, 0, answer_, failure_)
-                    : transaction.try_lookup(to, from, std::nullopt, {}, answer_, failure_);
+            found = store_.options_.time == Time::kLatest
+                        ? transaction.ask(tfdb::store::of_newest(to, from, std::nullopt, 0),
+                                          answer_, failure_)
+                        : transaction.ask(tfdb::store::at_stamp(to, from, std::nullopt, {}),
+                                          answer_, failure_);
         });
         note(found, used);
         return found;
@@ -152,8 +155,9 @@ public:
         return store([&] {
             until_committed(lost, [&](Transaction& transaction) {
                 for (const TransformView& one : batch_) {
-                    if (!transaction.try_lookup_latest(one.parent, one.child, std::nullopt, 0,
-                                                       answer_, failure_)) {
+                    if (!transaction.ask(
+                            tfdb::store::of_newest(one.parent, one.child, std::nullopt, 0), answer_,
+                            failure_)) {
                         throw std::runtime_error("an edge was lost");
                     }
                 }

@@ -121,21 +121,21 @@ private:
         const Policy policy{q.kind == Kind::kPrevious ? lookup::PolicyKind::kPrevious
                                                       : lookup::PolicyKind::kInterpolate};
         if (q.kind == Kind::kLatest)
-            return from.try_lookup_latest(target, source, std::nullopt, 0, answer, failure);
+            return from.ask(store::of_newest(target, source, std::nullopt, 0), answer, failure);
         std::optional<StampNs> stamp;
         if (q.kind != Kind::kCommon)
             stamp = q.stamp;
-        return from.try_lookup(target, source, stamp, policy, answer, failure);
+        return from.ask(store::at_stamp(target, source, stamp, policy), answer, failure);
     }
     static bool ask(Transaction& from, const Question& q, Answer& answer, Failure& failure) {
         const Policy policy{q.kind == Kind::kPrevious ? lookup::PolicyKind::kPrevious
                                                       : lookup::PolicyKind::kInterpolate};
         if (q.kind == Kind::kLatest)
-            return from.try_lookup_latest(q.target, q.source, std::nullopt, 0, answer, failure);
+            return from.ask(store::of_newest(q.target, q.source, std::nullopt, 0), answer, failure);
         std::optional<StampNs> stamp;
         if (q.kind != Kind::kCommon)
             stamp = q.stamp;
-        return from.try_lookup(q.target, q.source, stamp, policy, answer, failure);
+        return from.ask(store::at_stamp(q.target, q.source, stamp, policy), answer, failure);
     }
 
     /// Names of the answer's edges, asked at once: slots are reused.

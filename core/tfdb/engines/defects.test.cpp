@@ -71,8 +71,9 @@ std::uint64_t lookups_that_begin_again(Concurrency engine) {
         Answer answer;
         Failure failure;
         while (writing.load() != 0) {
-            const bool found = buffer.try_lookup_latest(down ? top : tip, down ? tip : top,
-                                                        std::nullopt, 0, answer, failure);
+            const bool found =
+                buffer.ask(store::of_newest(down ? top : tip, down ? tip : top, std::nullopt, 0),
+                           answer, failure);
             wrong += !found || !reports_the_path(buffer, answer, 0, kDepth);
             if (engine == Concurrency::kFine || !found)
                 continue;  // mixes generations, and may

@@ -35,22 +35,22 @@ public:
         return outcome;
     }
 
-    CommitNumber write(const Batch& batch) override {
+    [[nodiscard]] bool write(const Batch& batch, bool wait, CommitNumber& commit) override {
+        if (!wait) {
+            if constexpr (S::kWritesBesideOthers) {
+                return false;  // any frame may be locked, and the gate closed
+            } else {
+                const std::unique_lock guard(shared_.lock, std::try_to_lock);
+                if (guard.owns_lock())
+                    commit = commit_batch(store_, batch);
+                return guard.owns_lock();
+            }
+        }
         S session(shared_, {});
-        return txn::write_through(
+        commit = txn::write_through(
             session, [&](CommitNumber& number) { return try_beside(session, batch, number); },
             [&] { return commit_batch(store_, batch); });
-    }
-
-    [[nodiscard]] bool try_write(const Batch& batch, CommitNumber& commit) override {
-        if constexpr (S::kWritesBesideOthers) {
-            return false;  // any frame may be locked, and the gate closed
-        } else {
-            const std::unique_lock guard(shared_.lock, std::try_to_lock);
-            if (guard.owns_lock())
-                commit = commit_batch(store_, batch);
-            return guard.owns_lock();
-        }
+        return true;
     }
 
     [[nodiscard]] std::unique_ptr<EngineTransaction> transaction(

@@ -138,7 +138,7 @@ TFDB_TEST(engines_name_unknown_frames_and_stale_handles) {
         buffer.remove_frame("base", false);
         set(buffer, "map", "base", kSecond, pose_of(2));
         base.generation += 100;
-        CHECK(!buffer.try_lookup(map, base, {}, {}, answer, failure));
+        CHECK(!buffer.ask(store::at_stamp(map, base, {}, {}), answer, failure));
         CHECK_EQ(failure.code, ErrorCode::kUnknownFrame);
         CHECK_EQ(failure.argument, 1);
     }

@@ -103,14 +103,15 @@ TFDB_TEST(allocation_none_in_lookups) {
     Failure failure;
     Question full = store::by_way_of("world", "j9", 900, "j9", {}, {});
     long answered = 0;
-    CHECK_EQ(counted([&](int i) {
-                 answered += buffer.try_lookup(world, tip, 800 + i % 199, {}, answer, failure);
-                 answered += buffer.try_lookup(tip, world, std::nullopt, {}, answer, failure);
-                 answered += buffer.try_lookup_latest(world, tip, {}, 0, answer, failure);
-                 answered += buffer.ask(full, answer, failure);
-                 answered += buffer.find_frame("j5", tip) && buffer.find_frame("j9", tip);
-             }),
-             0);
+    CHECK_EQ(
+        counted([&](int i) {
+            answered += buffer.ask(store::at_stamp(world, tip, 800 + i % 199, {}), answer, failure);
+            answered += buffer.ask(store::at_stamp(tip, world, std::nullopt, {}), answer, failure);
+            answered += buffer.ask(store::of_newest(world, tip, {}, 0), answer, failure);
+            answered += buffer.ask(full, answer, failure);
+            answered += buffer.find_frame("j5", tip) && buffer.find_frame("j9", tip);
+        }),
+        0);
     CHECK_EQ(answered, 5L * (kWarm + kCounted));
 }
 
@@ -126,9 +127,9 @@ TFDB_TEST(allocation_none_in_lookups_that_fail) {
     Failure failure;
     long answered = 0;
     CHECK_EQ(counted([&](int i) {
-                 answered += buffer.try_lookup(world, tip, 5000 + i, {}, answer, failure);
-                 answered += buffer.try_lookup(moon, tip, 900, {}, answer, failure);
-                 answered += buffer.try_lookup(world, {}, 900, {}, answer, failure);
+                 answered += buffer.ask(store::at_stamp(world, tip, 5000 + i, {}), answer, failure);
+                 answered += buffer.ask(store::at_stamp(moon, tip, 900, {}), answer, failure);
+                 answered += buffer.ask(store::at_stamp(world, {}, 900, {}), answer, failure);
              }),
              0);
     CHECK_EQ(answered, 0);

@@ -87,8 +87,9 @@ void set_cycle(Buffer& buffer) {
 }
 void set_partly(Buffer& buffer) {
     const TransformView batch[] = {{kMap, kNew, 50, pose_of(3)}, {kMap, "", 50, pose_of(4)}};
-    CommitNumber commit = 0;
-    CHECK_EQ(buffer.set_transforms_partial(batch, false, kOther, commit).size(), 1U);
+    const WriteResult result =
+        buffer.write({.transforms = batch, .authority = kOther, .partial = true});
+    CHECK_EQ(result.refused.size(), 1U);
 }
 void remove_all(Buffer& buffer) {
     const std::string_view names[] = {kMap};

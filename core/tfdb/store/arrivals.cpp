@@ -22,9 +22,9 @@ void Arrivals::judge(std::span<const wire::TransformView> members, bool is_stati
 }
 
 void Arrivals::judge_by_store(std::span<const wire::TransformView> members, bool is_static) {
-    CommitNumber commit = 0;
-    for (const RefusedMember& each :
-         store_->set_transforms_partial(members, is_static, {}, commit)) {
+    const WriteResult result =
+        store_->write({.transforms = members, .is_static = is_static, .partial = true});
+    for (const RefusedMember& each : result.refused) {
         is_kept_[each.index] = false;
         if (each.code == ErrorCode::kStaticConflict)
             ++conflicts_[{std::string(members[each.index].child), is_static}];

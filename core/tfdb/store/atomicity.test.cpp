@@ -149,9 +149,9 @@ TFDB_TEST(atomicity_an_empty_batch_is_no_commit) {
     Buffer buffer = robot();
     const CommitNumber before = buffer.commit();
     CHECK_EQ(buffer.set_transforms({}, false, ""), before);
-    CommitNumber number = 0;
-    CHECK(buffer.try_set_transforms({}, true, "", number));
-    CHECK_EQ(number, before);
+    const WriteResult result = buffer.write({.is_static = true, .wait = false});
+    CHECK(!result.busy);
+    CHECK_EQ(result.commit, before);
     CHECK_EQ(buffer.commit(), before);
 }
 

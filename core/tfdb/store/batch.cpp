@@ -445,9 +445,10 @@ void Reads::lookup_many(FrameRef& target, FrameRef& source, std::span<const Stam
 }
 
 template <class Real>
-void Reads::move_points(std::string_view target, std::string_view source, const Real* points,
-                        std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                        Policy policy, Missing missing, Real* out, std::size_t out_stride) const {
+void Reads::transform_points(std::string_view target, std::string_view source, const Real* points,
+                             std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                             Policy policy, Missing missing, Real* out,
+                             std::size_t out_stride) const {
     const bool one = stamps.size() == 1;
     store::check_points(points, stride, count, stamps, out, out_stride);
     const bool in_place = points == out && stride == out_stride;
@@ -477,19 +478,12 @@ void Reads::move_points(std::string_view target, std::string_view source, const 
         std::copy_n(moved.data() + 3 * i, 3, rows.from(i).data);
 }
 
-void Reads::transform_points(std::string_view target, std::string_view source, const float* points,
-                             std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                             Policy policy, Missing missing, float* out,
-                             std::size_t out_stride) const {
-    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
-}
-
-void Reads::transform_points(std::string_view target, std::string_view source, const double* points,
-                             std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                             Policy policy, Missing missing, double* out,
-                             std::size_t out_stride) const {
-    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
-}
+template void Reads::transform_points(std::string_view, std::string_view, const float*, std::size_t,
+                                      std::size_t, std::span<const StampNs>, Policy, Missing,
+                                      float*, std::size_t) const;
+template void Reads::transform_points(std::string_view, std::string_view, const double*,
+                                      std::size_t, std::size_t, std::span<const StampNs>, Policy,
+                                      Missing, double*, std::size_t) const;
 
 std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,
                                         std::optional<StampNs> start,

@@ -194,6 +194,34 @@ struct EdgeColumns {
     std::span<const Pose> poses;
 };
 
+/// Members to store, and how.
+struct WriteRequest {
+    std::span<const TransformView> transforms{};
+    /// In place of `transforms`; not static. Samples that ascend from the edge's newest one are
+    /// stored from where they lie: other threads may change the columns, each row is judged as it
+    /// is stored.
+    const EdgeColumns* columns = nullptr;
+    bool is_static = false;
+    std::string_view authority{};
+    WriteRules rules{};
+    /// Stores the valid members and returns the others, instead of all or none. Of members that
+    /// would close a cycle together the last is refused, with the other samples of its edge at that
+    /// time; the rest is judged again.
+    bool partial = false;
+    bool wait = true;  // for another writer; else nothing is stored while it has the commit lock
+
+    [[nodiscard]] std::size_t size() const {
+        return columns != nullptr ? columns->stamps.size() : transforms.size();
+    }
+};
+
+/// What a write did.
+struct WriteResult {
+    CommitNumber commit = 0;               // its number; the newest one if nothing was stored
+    std::vector<RefusedMember> refused{};  // `partial`: in the order of the request
+    bool busy = false;                     // nothing was stored: it would have had to wait
+};
+
 enum class Layout : std::uint8_t { kPose, kMatrix };  // rows of 7, or of 16 (4x4 row-major)
 enum class Missing : std::uint8_t { kThrow, kNan };
 
@@ -202,7 +230,7 @@ class Snapshot;
 /// The reads that a Buffer (each from a fresh snapshot) and a Snapshot (from its own) share.
 /// Threads: any number may call anything at once. Guarantee: in the default engine no read takes
 /// the commit lock; `frame_info` and `tree` share a lock with writers that bring a new authority.
-class Reads {
+class Reads : public store::LookupsByName<Reads> {
 public:
     /// Frame by name. False if the snapshot has no such frame. Throws SnapshotTooOld.
     [[nodiscard]] bool find_frame(std::string_view name, FrameHandle& out) const;
@@ -213,39 +241,10 @@ public:
     /// the typed error with names. Edges older than now - max_age fail as kStale. The answers to
     /// kCommonTime and kCovered are `answer.stamp` and, as its other end, `answer.oldest`.
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) const;
-    /// T[target<-source] of handles that were found before. `stamp` none: latest common time. A
-    /// handle whose frame is gone is an unknown frame, also if its name has come back.
-    [[nodiscard]] bool try_lookup(FrameHandle target, FrameHandle source,
-                                  std::optional<StampNs> stamp, Policy policy, Answer& answer,
-                                  Failure& failure) const;
-    [[nodiscard]] bool try_lookup_latest(FrameHandle target, FrameHandle source,
-                                         std::optional<StampNs> max_age, StampNs now,
-                                         Answer& answer, Failure& failure) const;
+    using LookupsByName::ask;
     /// Throws the typed error of a failed question.
     [[noreturn]] void raise(const Failure& failure, const Question& question) const;
 
-    /// By name, throwing: for C++ programs and tests.
-    [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
-                                          std::optional<StampNs> stamp = std::nullopt,
-                                          Policy policy = {}) const;
-    [[nodiscard]] Answer lookup_latest_transform(std::string_view target, std::string_view source,
-                                                 std::optional<StampNs> max_age = std::nullopt,
-                                                 StampNs now = 0) const;
-
-    /// T[target at target_stamp <- source at source_stamp], by way of `fixed`; a stamp that is none
-    /// is the latest common time of its frame and `fixed`.
-    [[nodiscard]] Answer lookup_transform_full(std::string_view target,
-                                               std::optional<StampNs> target_stamp,
-                                               std::string_view source,
-                                               std::optional<StampNs> source_stamp,
-                                               std::string_view fixed, Policy policy = {}) const;
-    /// The newest stamp at which every moving edge between two frames has data; 0 if none moves. Of
-    /// a frame and itself, as for tf2: the stamp of its own newest sample.
-    [[nodiscard]] StampNs latest_common_time(std::string_view target,
-                                             std::string_view source) const;
-    /// That and the oldest stamp, of one state: at each stamp from one to the other every edge of
-    /// the newest tree's path has data and the parent that it has there. Both 0 if none moves.
-    [[nodiscard]] CommonTimes common_times(std::string_view target, std::string_view source) const;
     /// The frame's parent at a stamp (none: of its newest sample); outside the edge's data that of
     /// its nearest sample, unless it would then hang under itself. None for a root. Throws
     /// UnknownFrame.
@@ -270,13 +269,11 @@ public:
     /// p_target = T[target<-source](stamp of the point) p_source; strides in elements. One stamp
     /// for each point, or a single one for all. In place is allowed (out == points); `out` that
     /// overlaps the points otherwise, or the stamps, is refused (InvalidArgument).
-    void transform_points(std::string_view target, std::string_view source, const float* points,
+    /// `Real`: float or double.
+    template <class Real>
+    void transform_points(std::string_view target, std::string_view source, const Real* points,
                           std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                          Policy policy, Missing missing, float* out, std::size_t out_stride) const;
-    void transform_points(std::string_view target, std::string_view source, const double* points,
-                          std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                          Policy policy, Missing missing, double* out,
-                          std::size_t out_stride) const;
+                          Policy policy, Missing missing, Real* out, std::size_t out_stride) const;
     /// The stored stamps of the moving edges between two frames, sorted, each once, within
     /// [start, end] and within what every edge covers.
     [[nodiscard]] std::vector<StampNs> path_stamps(std::string_view target, std::string_view source,
@@ -314,10 +311,6 @@ private:
     template <class Emit>
     void run_batch(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
                    Policy policy, bool stop, Emit emit) const;
-    template <class Real>
-    void move_points(std::string_view target, std::string_view source, const Real* points,
-                     std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                     Policy policy, Missing missing, Real* out, std::size_t out_stride) const;
 };
 
 /// One committed state, kept readable. Threads: any. Guarantee: every read through it sees exactly
@@ -379,41 +372,25 @@ public:
     /// None for a store that can be written to, here or elsewhere.
     [[nodiscard]] std::optional<FrozenUse> frozen() const;
 
-    /// All of `batch` in one commit; returns its number. An empty batch commits nothing and returns
-    /// the current number. Throws InvalidTransform, InvalidName, InvalidStamp, TooOld,
-    /// StaticConflict, RepeatedStamp, CycleError, CapacityExceeded; nothing is then stored. The
-    /// error is that of the first refused member, with its `index`; `refused` names all of them
-    /// (not with CapacityExceeded, which is no member's fault). Throws InvalidArgument for
-    /// `only_new` of static transforms.
+    /// Stores the members of a request in one commit. Nothing is stored where it throws:
+    /// InvalidTransform, InvalidName, InvalidStamp, TooOld, StaticConflict, RepeatedStamp or
+    /// CycleError of the first invalid member, with its `index` and all of them in `refused`;
+    /// CapacityExceeded; InvalidArgument for `only_new` of static transforms, and for columns of
+    /// different lengths. An empty request commits nothing.
+    WriteResult write(const WriteRequest& request);
+    /// Stores all of `batch`, or throws; returns the commit's number.
     CommitNumber set_transforms(std::span<const TransformView> batch, bool is_static,
-                                std::string_view authority, WriteRules rules = {});
+                                std::string_view authority, WriteRules rules = {}) {
+        return write({.transforms = batch,
+                      .is_static = is_static,
+                      .authority = authority,
+                      .rules = rules})
+            .commit;
+    }
     CommitNumber set_transform(const TransformView& transform, bool is_static,
                                std::string_view authority, WriteRules rules = {}) {
         return set_transforms({&transform, 1}, is_static, authority, rules);
     }
-    /// The same, but returns false at once if another writer holds the commit lock.
-    bool try_set_transforms(std::span<const TransformView> batch, bool is_static,
-                            std::string_view authority, CommitNumber& commit,
-                            WriteRules rules = {});
-    /// The same for columns: samples that come after one another and after all that the edge has
-    /// are stored as they lie there. What others write into the columns meanwhile may be stored or
-    /// not, but is judged before. Throws InvalidArgument too, where stamps and poses differ in
-    /// number.
-    CommitNumber set_transforms(const EdgeColumns& columns, std::string_view authority,
-                                WriteRules rules = {});
-    bool try_set_transforms(const EdgeColumns& columns, std::string_view authority,
-                            CommitNumber& commit, WriteRules rules = {});
-    /// Stores the members that may be stored, in one commit, and returns the others with what is
-    /// wrong with each, in their order; `commit` is then the commit's number, or the current one if
-    /// none could be stored. Where members together would close a cycle, the last of them is
-    /// refused, and with it what else its edge would say of that time in this batch; what then
-    /// remains is judged again. Throws CapacityExceeded: nothing is then stored.
-    std::vector<RefusedMember> set_transforms_partial(std::span<const TransformView> batch,
-                                                      bool is_static, std::string_view authority,
-                                                      CommitNumber& commit, WriteRules rules = {});
-    std::vector<RefusedMember> set_transforms_partial(const EdgeColumns& columns,
-                                                      std::string_view authority,
-                                                      CommitNumber& commit, WriteRules rules = {});
     /// Removes a frame, with all below it if recursive. Throws UnknownFrame, FrameInUse.
     CommitNumber remove_frame(std::string_view name, bool recursive) {
         return remove_frames({&name, 1}, recursive);

@@ -22,6 +22,9 @@ struct Given {
     WriteRules rules;
 
     [[nodiscard]] EdgeColumns columns() const { return {parent, child, stamps, poses}; }
+    [[nodiscard]] WriteRequest request(const EdgeColumns& columns) const {
+        return {.columns = &columns, .authority = "columns", .rules = rules};
+    }
     [[nodiscard]] std::vector<TransformView> members() const {
         std::vector<TransformView> members;
         for (std::size_t i = 0; i < stamps.size(); ++i)
@@ -82,32 +85,39 @@ Buffer robot(std::optional<std::size_t> memory_limit = std::nullopt) {
 void same_both_ways(const Given& given, std::optional<std::size_t> memory_limit = std::nullopt) {
     Buffer whole = robot(memory_limit);
     Buffer single = robot(memory_limit);
-    const std::string said =
-        outcome([&] { return whole.set_transforms(given.columns(), "columns", given.rules); });
+    const EdgeColumns columns = given.columns();
+    const std::string said = outcome([&] { return whole.write(given.request(columns)).commit; });
     CHECK(said == outcome([&] {
               return single.set_transforms(given.members(), false, "columns", given.rules);
           }));
     CHECK(picture(whole) == picture(single));
-    CommitNumber commit = 0;
     Buffer tried = robot(memory_limit);
     CHECK(said == outcome([&] {
-              CHECK(tried.try_set_transforms(given.columns(), "columns", commit, given.rules));
-              return commit;
+              WriteRequest request = given.request(columns);
+              request.wait = false;
+              const WriteResult result = tried.write(request);
+              CHECK(!result.busy);
+              return result.commit;
           }));
     CHECK(picture(tried) == picture(single));
 
     Buffer some = robot(memory_limit);
     Buffer some_single = robot(memory_limit);
-    const auto partial = [&](Buffer& buffer, auto&&... what) {
+    const auto partial = [&](Buffer& buffer, WriteRequest request) {
+        request.partial = true;
         std::string refused;
         const std::string stored = outcome([&] {
-            refused =
-                words_of(buffer.set_transforms_partial(what..., "columns", commit, given.rules));
-            return commit;
+            const WriteResult result = buffer.write(request);
+            refused = words_of(result.refused);
+            return result.commit;
         });
         return stored + refused;
     };
-    CHECK(partial(some, given.columns()) == partial(some_single, given.members(), false));
+    const std::vector<TransformView> members = given.members();
+    WriteRequest one_by_one = given.request(columns);
+    one_by_one.columns = nullptr;
+    one_by_one.transforms = members;
+    CHECK(partial(some, given.request(columns)) == partial(some_single, one_by_one));
     CHECK(picture(some) == picture(some_single));
 }
 
@@ -175,7 +185,8 @@ TFDB_TEST(columns_are_refused_as_one_by_one) {
     Given uneven = plain(7);
     uneven.poses.pop_back();
     Buffer buffer = robot();
-    CHECK_THROWS_AS(buffer.set_transforms(uneven.columns(), "columns"), InvalidArgument);
+    const EdgeColumns columns = uneven.columns();
+    CHECK_THROWS_AS(buffer.write(uneven.request(columns)), InvalidArgument);
     CHECK_EQ(buffer.commit(), robot().commit());
 }
 

@@ -19,8 +19,7 @@ class Both {
 public:
     void add(const std::vector<TransformView>& members, bool is_static = false) {
         survey.add(members, is_static);
-        CommitNumber commit = 0;
-        (void)store_.set_transforms_partial(members, is_static, "", commit);
+        store_.write({.transforms = members, .is_static = is_static, .partial = true});
     }
     void check() const {
         std::size_t edges = 0;

@@ -29,10 +29,9 @@ public:
     /// kOk or kFailed. Both answers and failures carry the number of the commit that they saw.
     [[nodiscard]] virtual lookup::Outcome read(Question& question, Answer& answer,
                                                Failure& failure) = 0;
-    /// Throws as commit_batch.
-    virtual CommitNumber write(const Batch& batch) = 0;
-    /// False, and nothing was done, where it might have to wait.
-    [[nodiscard]] virtual bool try_write(const Batch& batch, CommitNumber& commit) = 0;
+    /// Throws as commit_batch. False, and nothing was done, where it might have to wait and `wait`
+    /// is false.
+    [[nodiscard]] virtual bool write(const Batch& batch, bool wait, CommitNumber& commit) = 0;
     /// Begins a transaction; `options` were checked, and `age` is set.
     [[nodiscard]] virtual std::unique_ptr<EngineTransaction> transaction(
         const TransactionOptions& options) = 0;

@@ -108,9 +108,9 @@ TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
     CHECK(!buffer.is_current(ghost) && buffer.is_current(heir));
     Answer answer;
     Failure failure;
-    CHECK(!buffer.try_lookup(map, ghost, kSecond, {}, answer, failure));
+    CHECK(!buffer.ask(store::at_stamp(map, ghost, kSecond, {}), answer, failure));
     CHECK(failure.code == ErrorCode::kUnknownFrame && failure.argument == 1);
-    CHECK(!buffer.try_lookup_latest(ghost, map, {}, 0, answer, failure));
+    CHECK(!buffer.ask(store::of_newest(ghost, map, {}, 0), answer, failure));
     CHECK(failure.code == ErrorCode::kUnknownFrame && failure.argument == 0);
     Question question{.kind = Question::kFull,
                       .target = {.handle = map},
@@ -121,7 +121,7 @@ TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
     question.kind = Question::kCommonTime;
     question.target.handle = ghost;
     CHECK(!buffer.ask(question, answer, failure));
-    CHECK(buffer.try_lookup(map, heir, kSecond, {}, answer, failure));
+    CHECK(buffer.ask(store::at_stamp(map, heir, kSecond, {}), answer, failure));
     CHECK_EQ(buffer.frame_name(heir.id, heir.generation), "heir");
     CHECK_EQ(buffer.frame_name(ghost.id, ghost.generation), "(removed)");
 }

@@ -226,7 +226,8 @@ TFDB_TEST(frozen_store_holds_edges_of_every_length) {
             poses.push_back(pose_of(static_cast<double>(i)));
         }
         const std::string child = "frame" + std::to_string(length);
-        buffer.set_transforms(EdgeColumns{"map", child, stamps, poses}, "columns");
+        const EdgeColumns columns{"map", child, stamps, poses};
+        buffer.write({.columns = &columns, .authority = "columns"});
     }
     set_static(buffer, "frame8", "fixed", pose_of(1.5));
     buffer.freeze(file);

@@ -373,8 +373,8 @@ TFDB_TEST(lookups_refuse_what_is_not_finite) {
         CHECK(buffer.find_frame("map", map) && buffer.find_frame(source, handle));
         Answer answer;
         Failure failure;
-        CHECK(!buffer.try_lookup(map, handle, stamp, {}, answer, failure));
-        CHECK(!buffer.try_lookup(handle, map, stamp, {}, answer, failure));
+        CHECK(!buffer.ask(store::at_stamp(map, handle, stamp, {}), answer, failure));
+        CHECK(!buffer.ask(store::at_stamp(handle, map, stamp, {}), answer, failure));
         const std::vector<double> rows =
             rows_like_lookups(buffer, "map", source, {20, stamp, 20}, {});
         CHECK(std::isnan(rows[7]) && !std::isnan(rows[0]) && !std::isnan(rows[14]));

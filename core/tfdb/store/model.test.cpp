@@ -110,9 +110,13 @@ private:
         std::vector<RefusedMember> refused;
         try {
             if (partial) {
-                CommitNumber commit = 0;
-                refused = buffer_.set_transforms_partial(views, is_static, "driver", commit, rules);
-                CHECK_EQ(commit, buffer_.commit());
+                const WriteResult result = buffer_.write({.transforms = views,
+                                                          .is_static = is_static,
+                                                          .authority = "driver",
+                                                          .rules = rules,
+                                                          .partial = true});
+                refused = result.refused;
+                CHECK_EQ(result.commit, buffer_.commit());
             } else {
                 buffer_.set_transforms(views, is_static, "driver", rules);
             }

@@ -113,7 +113,7 @@ TFDB_TEST(one_state_although_a_handle_was_found_in_an_earlier_one) {
         CHECK(identical(answer.pose, pose_of(1)));
         CHECK(question.source.handle == before[0]);
         // Without a name the handle's own frame is meant, and that is gone.
-        CHECK(!buffer.try_lookup(before[0], before[0], 1, {}, answer, failure));
+        CHECK(!buffer.ask(store::at_stamp(before[0], before[0], 1, {}), answer, failure));
         CHECK(failure.code == ErrorCode::kUnknownFrame);
     }
 }

@@ -63,6 +63,17 @@ namespace store {
     question.policy = policy;
     return question;
 }
+/// Of frames that were found before: `stamp` none is the latest common time.
+[[nodiscard]] inline Question at_stamp(FrameHandle target, FrameHandle source,
+                                       std::optional<StampNs> stamp, const Policy& policy) {
+    Question question{.target = {.handle = target}, .source = {.handle = source}};
+    // Number by number: a copy as a whole would wait until each of them has been stored.
+    if (stamp)
+        question.stamp.emplace(*stamp);
+    question.policy.kind = policy.kind;
+    question.policy.limit = policy.limit;
+    return question;
+}
 /// For a wait: until the newest stamp at which the path has data is `stamp` or newer.
 [[nodiscard]] inline Question as_new_as(std::string_view target, std::string_view source,
                                         StampNs stamp) {
@@ -76,6 +87,14 @@ namespace store {
     question.max_age = max_age;
     question.now = now;
     return question;
+}
+[[nodiscard]] inline Question of_newest(FrameHandle target, FrameHandle source,
+                                        std::optional<StampNs> max_age, StampNs now) {
+    return {.kind = Question::kLatest,
+            .target = {.handle = target},
+            .source = {.handle = source},
+            .max_age = max_age,
+            .now = now};
 }
 [[nodiscard]] inline Question by_way_of(std::string_view fixed, std::string_view target,
                                         std::optional<StampNs> target_stamp,
@@ -118,5 +137,58 @@ struct CommonTimes {
     StampNs oldest = 0;
     StampNs newest = 0;
 };
+
+namespace store {
+
+/// The lookups by name of `Self`, which has `ask` and `raise`. They throw the typed error where
+/// there is no answer.
+/// Threads: those of `Self`. Guarantee: that of its `ask`.
+template <class Self>
+class LookupsByName {
+public:
+    /// As `ask(Question&)`, of a question whose handles are not used again.
+    [[nodiscard]] bool ask(Question&& question, Answer& answer, Failure& failure) const {
+        return self().ask(question, answer, failure);
+    }
+    /// T[target<-source]; `stamp` none: at the latest common time.
+    [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
+                                          std::optional<StampNs> stamp = std::nullopt,
+                                          Policy policy = {}) const {
+        return answer_or_raise(self(), at_stamp(target, source, stamp, policy));
+    }
+    /// From each edge's newest sample, none older than now - max_age.
+    [[nodiscard]] Answer lookup_latest_transform(std::string_view target, std::string_view source,
+                                                 std::optional<StampNs> max_age = std::nullopt,
+                                                 StampNs now = 0) const {
+        return answer_or_raise(self(), of_newest(target, source, max_age, now));
+    }
+    /// T[target at target_stamp <- source at source_stamp], by way of `fixed`; a stamp that is none
+    /// is the latest common time of its frame and `fixed`.
+    [[nodiscard]] Answer lookup_transform_full(std::string_view target,
+                                               std::optional<StampNs> target_stamp,
+                                               std::string_view source,
+                                               std::optional<StampNs> source_stamp,
+                                               std::string_view fixed, Policy policy = {}) const {
+        return answer_or_raise(
+            self(), by_way_of(fixed, target, target_stamp, source, source_stamp, policy));
+    }
+    /// The newest stamp at which every moving edge between two frames has data; 0 if none moves. Of
+    /// a frame and itself, as for tf2: the stamp of its own newest sample.
+    [[nodiscard]] StampNs latest_common_time(std::string_view target,
+                                             std::string_view source) const {
+        return answer_or_raise(self(), by_name(Question::kCommonTime, target, source)).stamp;
+    }
+    /// That and the oldest stamp, of one state: at each stamp from one to the other every edge of
+    /// the newest tree's path has data and the parent that it has there. Both 0 if none moves.
+    [[nodiscard]] CommonTimes common_times(std::string_view target, std::string_view source) const {
+        const Answer answer = answer_or_raise(self(), by_name(Question::kCovered, target, source));
+        return {answer.oldest, answer.stamp};
+    }
+
+private:
+    [[nodiscard]] const Self& self() const { return static_cast<const Self&>(*this); }
+};
+
+}  // namespace store
 
 }  // namespace tfdb

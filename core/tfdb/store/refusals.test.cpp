@@ -77,11 +77,11 @@ std::vector<RefusedMember> refused(Buffer& buffer, std::span<const TransformView
 std::vector<RefusedMember> left_out(Buffer& buffer, std::span<const TransformView> batch,
                                     bool is_static = false) {
     const CommitNumber before = buffer.commit();
-    CommitNumber commit = 0;
-    auto members = buffer.set_transforms_partial(batch, is_static, "ekf", commit);
-    CHECK_EQ(commit, buffer.commit());
-    CHECK_EQ(commit, before + (members.size() < batch.size() ? 1U : 0U));
-    return members;
+    const WriteResult result = buffer.write(
+        {.transforms = batch, .is_static = is_static, .authority = "ekf", .partial = true});
+    CHECK_EQ(result.commit, buffer.commit());
+    CHECK_EQ(result.commit, before + (result.refused.size() < batch.size() ? 1U : 0U));
+    return result.refused;
 }
 
 const std::string kLongName(2000, 'x');
@@ -303,8 +303,7 @@ TFDB_TEST(refusals_and_a_store_that_is_full) {
                                    {"map", "x", 48 * kSecond, pose_of(4)},
                                    {"map", "y", 48 * kSecond, pose_of(5)},
                                    {"map", "z", 48 * kSecond, pose_of(6)}};
-    CommitNumber commit = 0;
-    CHECK_THROWS_AS(buffer.set_transforms_partial(batch, false, "", commit), CapacityExceeded);
+    CHECK_THROWS_AS(buffer.write({.transforms = batch, .partial = true}), CapacityExceeded);
     CHECK(picture(buffer) == before);
     // That the arm is too old is known without storing anything.
     CHECK(indices(refused<TooOld>(buffer, batch)) == Indices({0}));

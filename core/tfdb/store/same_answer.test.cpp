@@ -205,10 +205,10 @@ public:
         if (!snapshot.find_frame(q.target, to) || !snapshot.find_frame(q.source, from))
             return;
         const Singles singles = ask_singly(q, [&](StampNs stamp, Answer& answer, Failure& failure) {
-            return snapshot.try_lookup(to, from, stamp, q.policy, answer, failure);
+            return snapshot.ask(store::at_stamp(to, from, stamp, q.policy), answer, failure);
         });
         const Singles fresh = ask_singly(q, [&](StampNs stamp, Answer& answer, Failure& failure) {
-            return buffer_.try_lookup(to, from, stamp, q.policy, answer, failure);
+            return buffer_.ask(store::at_stamp(to, from, stamp, q.policy), answer, failure);
         });
         CHECK(same_bits(singles.rows[0], fresh.rows[0]) && singles.codes == fresh.codes);
         for (const Reads* const reads : std::initializer_list<const Reads*>{&snapshot, &buffer_})
@@ -234,7 +234,8 @@ public:
                 !held.snapshot.find_frame(q.source, from))
                 continue;
             Singles said = ask_singly(q, [&](StampNs stamp, Answer& answer, Failure& failure) {
-                return held.snapshot.try_lookup(to, from, stamp, q.policy, answer, failure);
+                return held.snapshot.ask(store::at_stamp(to, from, stamp, q.policy), answer,
+                                         failure);
             });
             held.said.emplace_back(std::move(q), std::move(said));
         }

@@ -30,52 +30,8 @@ void Transaction::begin() {
     life_->begin();
 }
 
-bool Transaction::ask(Question& question, Answer& answer, Failure& failure) {
+bool Transaction::ask(Question& question, Answer& answer, Failure& failure) const {
     return life_->call([&](auto& own) { return own.ask(question, answer, failure); });
-}
-
-bool Transaction::try_lookup(std::string_view target, std::string_view source,
-                             std::optional<StampNs> stamp, Policy policy, Answer& answer,
-                             Failure& failure) {
-    Question question = store::at_stamp(target, source, stamp, policy);
-    return ask(question, answer, failure);
-}
-
-bool Transaction::try_lookup_latest(std::string_view target, std::string_view source,
-                                    std::optional<StampNs> max_age, StampNs now, Answer& answer,
-                                    Failure& failure) {
-    Question question = store::of_newest(target, source, max_age, now);
-    return ask(question, answer, failure);
-}
-
-Answer Transaction::lookup_transform(std::string_view target, std::string_view source,
-                                     std::optional<StampNs> stamp, Policy policy) {
-    return store::answer_or_raise(*this, store::at_stamp(target, source, stamp, policy));
-}
-
-Answer Transaction::lookup_latest_transform(std::string_view target, std::string_view source,
-                                            std::optional<StampNs> max_age, StampNs now) {
-    return store::answer_or_raise(*this, store::of_newest(target, source, max_age, now));
-}
-
-Answer Transaction::lookup_transform_full(std::string_view target,
-                                          std::optional<StampNs> target_stamp,
-                                          std::string_view source,
-                                          std::optional<StampNs> source_stamp,
-                                          std::string_view fixed, Policy policy) {
-    return store::answer_or_raise(
-        *this, store::by_way_of(fixed, target, target_stamp, source, source_stamp, policy));
-}
-
-StampNs Transaction::latest_common_time(std::string_view target, std::string_view source) {
-    return store::answer_or_raise(*this, store::by_name(Question::kCommonTime, target, source))
-        .stamp;
-}
-
-CommonTimes Transaction::common_times(std::string_view target, std::string_view source) {
-    const Answer answer =
-        store::answer_or_raise(*this, store::by_name(Question::kCovered, target, source));
-    return {answer.oldest, answer.stamp};
 }
 
 std::optional<std::string> Transaction::parent_of(std::string_view name,
@@ -233,10 +189,10 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
 }
 
 template <class Real>
-void Transaction::move_points(std::string_view target, std::string_view source, const Real* points,
-                              std::size_t stride, std::size_t count,
-                              std::span<const StampNs> stamps, Policy policy, Missing missing,
-                              Real* out, std::size_t out_stride) {
+void Transaction::transform_points(std::string_view target, std::string_view source,
+                                   const Real* points, std::size_t stride, std::size_t count,
+                                   std::span<const StampNs> stamps, Policy policy, Missing missing,
+                                   Real* out, std::size_t out_stride) {
     const bool one = stamps.size() == 1;
     store::check_points(points, stride, count, stamps, out, out_stride);
     std::vector<Pose> poses(stamps.size());
@@ -253,18 +209,11 @@ void Transaction::move_points(std::string_view target, std::string_view source, 
     }
 }
 
-void Transaction::transform_points(std::string_view target, std::string_view source,
-                                   const float* points, std::size_t stride, std::size_t count,
-                                   std::span<const StampNs> stamps, Policy policy, Missing missing,
-                                   float* out, std::size_t out_stride) {
-    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
-}
-
-void Transaction::transform_points(std::string_view target, std::string_view source,
-                                   const double* points, std::size_t stride, std::size_t count,
-                                   std::span<const StampNs> stamps, Policy policy, Missing missing,
-                                   double* out, std::size_t out_stride) {
-    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
-}
+template void Transaction::transform_points(std::string_view, std::string_view, const float*,
+                                            std::size_t, std::size_t, std::span<const StampNs>,
+                                            Policy, Missing, float*, std::size_t);
+template void Transaction::transform_points(std::string_view, std::string_view, const double*,
+                                            std::size_t, std::size_t, std::span<const StampNs>,
+                                            Policy, Missing, double*, std::size_t);
 
 }  // namespace tfdb

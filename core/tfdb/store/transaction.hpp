@@ -36,7 +36,7 @@ struct TransactionOptions {
 /// Buffer may not be written meanwhile, nor another transaction begun (TransactionActive).
 /// Guarantee: strictly serializable, in every engine but `fine`. Conflict: somebody else came
 /// first, nothing was stored and the transaction has ended; run it again.
-class Transaction {
+class Transaction : public store::LookupsByName<Transaction> {
 public:
     /// How far it has come.
     enum class Stage : std::uint8_t { kNotBegun, kOpen, kCommitted, kAborted, kLost, kRefused };
@@ -58,43 +58,21 @@ public:
 
     /// As Reads::ask; frames may be the transaction's own. Throws Conflict, TransactionClosed,
     /// WrongThread, as do all methods below.
-    [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure);
-    /// T[target<-source] by name.
-    [[nodiscard]] bool try_lookup(std::string_view target, std::string_view source,
-                                  std::optional<StampNs> stamp, Policy policy, Answer& answer,
-                                  Failure& failure);
-    [[nodiscard]] bool try_lookup_latest(std::string_view target, std::string_view source,
-                                         std::optional<StampNs> max_age, StampNs now,
-                                         Answer& answer, Failure& failure);
-    /// The same, throwing the typed error.
-    [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
-                                          std::optional<StampNs> stamp = std::nullopt,
-                                          Policy policy = {});
-    [[nodiscard]] Answer lookup_latest_transform(std::string_view target, std::string_view source,
-                                                 std::optional<StampNs> max_age = std::nullopt,
-                                                 StampNs now = 0);
+    [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) const;
+    using LookupsByName::ask;
     /// Rows of T[target<-source] at each stamp, as Reads::lookup_many.
     void lookup_many(std::string_view target, std::string_view source,
                      std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
                      std::span<double> out);
     /// As in Reads.
-    [[nodiscard]] Answer lookup_transform_full(std::string_view target,
-                                               std::optional<StampNs> target_stamp,
-                                               std::string_view source,
-                                               std::optional<StampNs> source_stamp,
-                                               std::string_view fixed, Policy policy = {});
-    [[nodiscard]] StampNs latest_common_time(std::string_view target, std::string_view source);
-    [[nodiscard]] CommonTimes common_times(std::string_view target, std::string_view source);
     [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
                                                        std::optional<StampNs> stamp = std::nullopt);
     [[nodiscard]] bool has_frame(std::string_view name);
     /// As in Reads. What names all frames depends on each of them, and on no other being made.
-    void transform_points(std::string_view target, std::string_view source, const float* points,
+    template <class Real>
+    void transform_points(std::string_view target, std::string_view source, const Real* points,
                           std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                          Policy policy, Missing missing, float* out, std::size_t out_stride);
-    void transform_points(std::string_view target, std::string_view source, const double* points,
-                          std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                          Policy policy, Missing missing, double* out, std::size_t out_stride);
+                          Policy policy, Missing missing, Real* out, std::size_t out_stride);
     [[nodiscard]] Twist lookup_velocity(std::string_view target, std::string_view source,
                                         std::optional<StampNs> stamp, StampNs interval,
                                         std::string_view reference, geometry::Vec3 point,
@@ -148,11 +126,6 @@ public:
     static void end_thread() noexcept;
 
 private:
-    template <class Real>
-    void move_points(std::string_view target, std::string_view source, const Real* points,
-                     std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                     Policy policy, Missing missing, Real* out, std::size_t out_stride);
-
     struct Release {
         void operator()(store::TransactionLife* life) const noexcept;
     };

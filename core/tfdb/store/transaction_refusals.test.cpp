@@ -149,11 +149,9 @@ TFDB_TEST(transaction_keeps_its_thread_from_waiting_for_itself) {
         TransactionOptions options;
         options.alone = alone;
         Transaction tx(buffer, options);
-        CommitNumber commit = 0;
         const TransformView view{"map", "base", 3000, pose_of(1)};
         CHECK(THROWN(TransactionActive, set(buffer, "map", "base", 3000, pose_of(1))));
-        CHECK(THROWN(TransactionActive,
-                     (void)buffer.try_set_transforms({&view, 1}, false, "", commit)));
+        CHECK(THROWN(TransactionActive, buffer.write({.transforms = {&view, 1}, .wait = false})));
         CHECK(THROWN(TransactionActive, buffer.remove_frame("base", true)));
         CHECK(THROWN(TransactionActive, buffer.clear()));
         CHECK(THROWN(TransactionActive, (void)buffer.compact()));

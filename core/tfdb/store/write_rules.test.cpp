@@ -83,10 +83,10 @@ TFDB_TEST(a_change_of_kind_that_is_refused_changes_nothing) {
     CHECK(identical(at(buffer, "base", "lidar", 99 * kSecond), pose_of(20)));
     CHECK(identical(at(buffer, "map", "base", 3 * kSecond), pose_of(3)));
 
-    CommitNumber stored = 0;
-    const auto refused = buffer.set_transforms_partial(bad, false, "me", stored, kChangeKind);
-    CHECK_EQ(refused.size(), 1U);
-    CHECK_EQ(stored, commit + 1);
+    const WriteResult result =
+        buffer.write({.transforms = bad, .authority = "me", .rules = kChangeKind, .partial = true});
+    CHECK_EQ(result.refused.size(), 1U);
+    CHECK_EQ(result.commit, commit + 1);
     CHECK(identical(at(buffer, "base", "lidar", kSecond), pose_of(21)));
 }
 
@@ -146,8 +146,9 @@ TFDB_TEST(only_new_refuses_a_stamp_that_comes_twice_in_the_batch) {
     const auto error = THROWN(RepeatedStamp, buffer.set_transforms(batch, false, "me", kOnlyNew));
     CHECK_EQ(error->detail().index, std::optional<std::uint64_t>(2));
     CHECK_EQ(error->detail().refused.size(), 2U);
-    CommitNumber commit = 0;
-    const auto refused = buffer.set_transforms_partial(batch, false, "me", commit, kOnlyNew);
+    const auto refused =
+        buffer.write({.transforms = batch, .authority = "me", .rules = kOnlyNew, .partial = true})
+            .refused;
     CHECK_EQ(refused.size(), 2U);
     CHECK(identical(at(buffer, "map", "base", 9 * kSecond), pose_of(9)));
     CHECK(identical(at(buffer, "base", "arm", 9 * kSecond), pose_of(10)));
@@ -158,8 +159,10 @@ TFDB_TEST(only_new_lets_the_next_one_in_where_the_first_closes_a_cycle) {
     const TransformView batch[] = {{"scan", "lidar", 9 * kSecond, pose_of(9)},
                                    {"base", "lidar", 9 * kSecond, pose_of(10)},
                                    {"base", "lidar", 9 * kSecond, pose_of(11)}};
-    CommitNumber commit = 0;
-    const auto refused = buffer.set_transforms_partial(batch, false, "me", commit, {true, true});
+    const auto refused =
+        buffer
+            .write({.transforms = batch, .authority = "me", .rules = {true, true}, .partial = true})
+            .refused;
     CHECK_EQ(refused.size(), 2U);
     CHECK(refused[0].index == 0 && refused[0].code == ErrorCode::kCycle);
     CHECK(refused[1].index == 2 && refused[1].code == ErrorCode::kRepeatedStamp);
@@ -197,8 +200,7 @@ TFDB_TEST(parent_and_child_swap_in_one_batch) {
     const TransformView moving[] = {{"b", "a", 2 * kSecond, pose_of(5)},
                                     {"base", "b", 2 * kSecond, pose_of(6)}};
     CHECK_THROWS_AS(buffer.set_transforms({moving, 1}, false, "me"), CycleError);
-    CommitNumber commit = 0;
-    CHECK(buffer.set_transforms_partial(moving, false, "me", commit).empty());
+    CHECK(buffer.write({.transforms = moving, .authority = "me", .partial = true}).refused.empty());
     CHECK(apart(at(buffer, "base", "a", 2 * kSecond), geometry::compose(pose_of(6), pose_of(5))) <
           1e-12);
     CHECK(apart(at(buffer, "base", "b", kSecond), geometry::compose(pose_of(3), pose_of(4))) <

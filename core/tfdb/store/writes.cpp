@@ -136,6 +136,14 @@ bool publish(Store& store, StoreCommit& commit, std::string_view authority, std:
     return true;
 }
 
+/// Takes a lock; false, without waiting, if it is taken and `wait` is false.
+bool take(std::unique_lock<WriterLock>& guard, bool wait) {
+    if (!wait)
+        return guard.try_lock();
+    guard.lock();
+    return true;
+}
+
 /// Publishes the batch; false if a member cannot be stored.
 bool store_all(Store& store, const Batch& batch, CommitNumber& number) {
     StoreCommit commit = store.start_commit();
@@ -347,10 +355,9 @@ private:
     std::map<std::pair<std::string_view, StampNs>, std::vector<std::size_t>> repeats_;
 };
 
-/// False: they are to be taken one by one, which says what is wrong with them if anything is.
-/// `busy`: do not wait for another writer, but say that there is one.
-bool store_at_once(Store& store, const EdgeColumns& columns, std::string_view authority,
-                   CommitNumber& commit, bool* busy = nullptr) {
+/// Stores columns by the quick way; false where the members must be judged one by one.
+bool store_at_once(Store& store, const WriteRequest& request, WriteResult& result) {
+    const EdgeColumns& columns = *request.columns;
     if (columns.stamps.size() != columns.poses.size()) {
         throw InvalidArgument(std::to_string(columns.stamps.size()) + " stamps for " +
                               std::to_string(columns.poses.size()) + " poses");
@@ -359,17 +366,28 @@ bool store_at_once(Store& store, const EdgeColumns& columns, std::string_view au
         return false;
     check_not_in_transaction(store);
     std::unique_lock guard(store.lock, std::defer_lock);
-    if (busy == nullptr) {
-        guard.lock();
-    } else if (!guard.try_lock()) {
-        *busy = true;
-        return false;
-    }
+    result.busy = !take(guard, request.wait);
+    if (result.busy)
+        return true;
     try {
-        return store_columns(store, columns, authority, commit);
+        return store_columns(store, columns, request.authority, result.commit);
     } catch (const CapacityExceeded&) {
         return false;
     }
+}
+
+/// As Buffer::write, in an engine that has its own way to commit.
+WriteResult write_by_engine(Store& store, const Batch& batch, const WriteRequest& request) {
+    WriteResult result;
+    try {
+        result.busy = !store.engine->write(batch, request.wait, result.commit);
+        return result;
+    } catch (const Error& error) {
+        if (!request.partial || error.detail().refused.empty())
+            throw;
+    }
+    const Alone alone(store);
+    return commit_partial(store, batch);
 }
 
 }  // namespace
@@ -393,108 +411,54 @@ CommitNumber commit_batch(Store& store, const Batch& batch) {
     sorting.refusals.raise(std::to_string(batch.size()) + " transforms");
 }
 
-std::vector<RefusedMember> commit_partial(Store& store, const Batch& batch, CommitNumber& commit) {
-    if (batch.sound() && store_all(store, batch, commit))
-        return {};
+WriteResult commit_partial(Store& store, const Batch& batch) {
+    WriteResult result;
+    if (batch.sound() && store_all(store, batch, result.commit))
+        return result;
     Sorting sorting(store, batch);
     sorting.leave_out_cycles();
-    auto refused = sorting.refusals.members();  // it may throw: not once something is stored
-    commit = store.committed();
+    result.refused = sorting.refusals.members();  // it may throw: not once something is stored
+    result.commit = store.committed();
     if (!sorting.good().empty())
-        (void)store_all(store, batch.with(sorting.good()), commit);
-    return refused;
+        (void)store_all(store, batch.with(sorting.good()), result.commit);
+    return result;
 }
 
 }  // namespace tfdb::store
 
 namespace tfdb {
 
-CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool is_static,
-                                    std::string_view authority, WriteRules rules) {
-    store::check_rules(rules, is_static);
-    if (batch.empty())
-        return commit();
+WriteResult Buffer::write(const WriteRequest& request) {
+    store::check_rules(request.rules, request.is_static);
+    if (request.columns != nullptr) {
+        WriteResult result;
+        if (store::store_at_once(*store_, request, result))
+            return result;
+        const std::vector<TransformView> members = store::members_of(*request.columns);
+        WriteRequest one_by_one = request;
+        one_by_one.columns = nullptr;
+        one_by_one.transforms = members;
+        return write(one_by_one);
+    }
+    if (request.transforms.empty())
+        return {.commit = commit()};
     store::check_not_in_transaction(*store_);
-    const store::Batch judged(batch, is_static, authority, rules);
+    const store::Batch batch(request.transforms, request.is_static, request.authority,
+                             request.rules);
     if (store_->engine != nullptr) [[unlikely]]
-        return store_->engine->write(judged);
-    const std::lock_guard guard(store_->lock);
-    return store::commit_batch(*store_, judged);
-}
-
-bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_static,
-                                std::string_view authority, CommitNumber& commit,
-                                WriteRules rules) {
-    store::check_rules(rules, is_static);
-    if (batch.empty()) {
-        commit = this->commit();
-        return true;
-    }
-    store::check_not_in_transaction(*store_);
-    const store::Batch judged(batch, is_static, authority, rules);
-    if (store_->engine != nullptr) [[unlikely]]
-        return store_->engine->try_write(judged, commit);
-    const std::unique_lock guard(store_->lock, std::try_to_lock);
-    if (!guard.owns_lock())
-        return false;
-    commit = store::commit_batch(*store_, judged);
-    return true;
-}
-
-std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const TransformView> batch,
-                                                          bool is_static,
-                                                          std::string_view authority,
-                                                          CommitNumber& commit, WriteRules rules) {
-    store::check_rules(rules, is_static);
-    if (batch.empty()) {
-        commit = this->commit();
-        return {};
-    }
-    store::check_not_in_transaction(*store_);
-    const store::Batch judged(batch, is_static, authority, rules);
-    if (store_->engine == nullptr) [[likely]] {
-        const std::lock_guard guard(store_->lock);
-        return store::commit_partial(*store_, judged, commit);
-    }
-    try {
-        commit = store_->engine->write(judged);
-        return {};
-    } catch (const Error& error) {
-        if (error.detail().refused.empty())
-            throw;
-    }
-    const store::Alone alone(*store_);
-    return store::commit_partial(*store_, judged, commit);
+        return store::write_by_engine(*store_, batch, request);
+    std::unique_lock guard(store_->lock, std::defer_lock);
+    if (!store::take(guard, request.wait))
+        return {.busy = true};
+    if (request.partial)
+        return store::commit_partial(*store_, batch);
+    return {.commit = store::commit_batch(*store_, batch)};
 }
 
 std::optional<Error> fault_of(const TransformView& transform, std::size_t index, bool is_static,
                               std::string_view authority) {
     store::Fault fault = store::fault_alone(transform, index, is_static, authority);
     return fault ? fault : store::fault_of_names(transform, index, authority);
-}
-
-CommitNumber Buffer::set_transforms(const EdgeColumns& columns, std::string_view authority,
-                                    WriteRules rules) {
-    CommitNumber commit = 0;
-    if (store::store_at_once(*store_, columns, authority, commit))
-        return commit;
-    return set_transforms(store::members_of(columns), false, authority, rules);
-}
-
-bool Buffer::try_set_transforms(const EdgeColumns& columns, std::string_view authority,
-                                CommitNumber& commit, WriteRules rules) {
-    bool busy = false;
-    if (store::store_at_once(*store_, columns, authority, commit, &busy))
-        return true;
-    return !busy && try_set_transforms(store::members_of(columns), false, authority, commit, rules);
-}
-
-std::vector<RefusedMember> Buffer::set_transforms_partial(const EdgeColumns& columns,
-                                                          std::string_view authority,
-                                                          CommitNumber& commit, WriteRules rules) {
-    if (store::store_at_once(*store_, columns, authority, commit))
-        return {};
-    return set_transforms_partial(store::members_of(columns), false, authority, commit, rules);
 }
 
 }  // namespace tfdb

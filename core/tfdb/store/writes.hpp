@@ -87,10 +87,10 @@ void check_rules(WriteRules rules, bool is_static);
 // The caller of these holds the commit lock, and nothing else writes. What they throw leaves the
 // store as it was.
 
-/// Stores all of a batch in one commit; returns its number. Throws as Buffer::set_transforms.
+/// Stores all of a batch in one commit; returns its number. Throws as Buffer::write.
 CommitNumber commit_batch(Store& store, const Batch& batch);
-/// Stores what may be stored of a batch; returns the rest. As Buffer::set_transforms_partial.
-std::vector<RefusedMember> commit_partial(Store& store, const Batch& batch, CommitNumber& commit);
+/// Stores the valid members of a batch in one commit, and returns the others.
+WriteResult commit_partial(Store& store, const Batch& batch);
 /// Removes frames in one commit; returns its number. Throws as Buffer::remove_frames.
 CommitNumber commit_removal(Store& store, std::span<const std::string_view> names, bool recursive);
 
