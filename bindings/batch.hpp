@@ -125,7 +125,7 @@ struct RowsWanted {
     Missing missing;
     Policy policy;
     Stamps stamps;
-    std::optional<ArrayView> kept;  // of `out`, while it is written: nobody may move its memory
+    std::optional<ArrayView> kept;  // of `out`, held so that its memory stays in place
     NewArray<double> result;
 
     [[nodiscard]] std::span<double> rows() const {

@@ -94,8 +94,8 @@ std::string short_repr(nb::handle object);
 /// str() for a message; what has no UTF-8 is escaped.
 std::string text_of(nb::handle object);
 
-/// Forgets the Python error, because another one will be raised in its place. One that is no
-/// Exception (KeyboardInterrupt), and MemoryError, are thrown.
+/// Forgets the Python error: another one will be raised in its place. Throws MemoryError and errors
+/// outside of Exception, such as KeyboardInterrupt.
 void forget_error();
 
 /// For loops that keep the GIL: runs Python's signal handlers now and then, and throws what they

@@ -1,4 +1,4 @@
-// Lookups for other bindings: no objects are made, and nothing is said of why there is no answer.
+// Lookups for other bindings: they make no Python objects and report no reason for a failure.
 #pragma once
 
 #include <nanobind/nanobind.h>

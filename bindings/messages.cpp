@@ -216,7 +216,7 @@ bool are_same(const Part& a, const Part& b) {
 /// is more to it.
 std::unique_ptr<Part> recipe_of(const nb::object& make) {
     std::unique_ptr<Part> found;
-    for (const int which : {1, 2}) {  // what is the same in both does not hang on the values
+    for (const int which : {1, 2}) {  // what is the same in both does not depend on the values
         const double unusual = 1e-3 * which;
         const Found sample{{{11 + unusual, 12 + unusual, 13 + unusual},
                             {14 + unusual, 15 + unusual, 16 + unusual, 17 + unusual}},

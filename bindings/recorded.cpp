@@ -22,7 +22,7 @@ std::span<const std::byte> bytes_of(const nb::bytes& object) {
     return {static_cast<const std::byte*>(object.data()), object.size()};
 }
 
-/// Bytes that nobody can change: decoding relies on what it has checked.
+/// Immutable bytes: decoding relies on earlier checks.
 struct Chunk {
     nb::object owner;
     std::span<const std::byte> bytes;

@@ -16,7 +16,7 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// When a message was received, from which source, and its bytes, which are somebody else's.
+/// A message: receive time, source, and bytes that another object owns.
 struct RecordedMessage {
     std::uint64_t received;
     const std::byte* data;
@@ -69,7 +69,7 @@ public:
 
 private:
     std::vector<RecordedMessage> messages_;
-    std::vector<nb::object> kept_;  // whose bytes they are
+    std::vector<nb::object> kept_;  // the owners of the bytes
     std::vector<std::unique_ptr<std::byte[]>> copied_;
     std::span<std::byte> room_;  // of the last block that `add` fills
 };

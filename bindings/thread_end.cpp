@@ -26,7 +26,7 @@ _Unwind_Reason_Code personality(int version, _Unwind_Action actions, _Unwind_Exc
 _Unwind_Reason_Code personality(int version, _Unwind_Action actions, _Unwind_Exception_Class kind,
                                 _Unwind_Exception* exception, _Unwind_Context* context) {
     if ((actions & _UA_FORCE_UNWIND) != 0) {
-        Transaction::end_thread();  // nobody is to wait for it
+        Transaction::end_thread();  // no other thread may wait for it
         for (;;) {
             pause();
         }

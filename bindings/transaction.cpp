@@ -23,8 +23,8 @@ namespace {
 
 using Stage = Transaction::Stage;
 
-/// An answer with the names of its edges: the frames may be the transaction's own, which nobody
-/// knows after its end.
+/// An answer with the names of its edges: frames that the transaction made have no name after its
+/// end.
 struct Named {
     Answer answer;
     std::vector<std::pair<std::string, std::string>> edges;

@@ -45,7 +45,7 @@ public:
 private:
     void forget_ended() noexcept;
 
-    bool alone_;            // then it waits for nobody
+    bool alone_;            // it waits for no lock
     bool counted_ = false;  // among the buffer's reasons
 };
 

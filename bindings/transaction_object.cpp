@@ -11,12 +11,12 @@ TransactionObject::TransactionObject(nb::handle buffer_object, const Transaction
       alone_(options.alone) {}
 
 TransactionObject::~TransactionObject() {
-    // One that nobody can reach any more is aborted by whichever thread frees it.
+    // An unreachable transaction is aborted by the thread that frees it.
     abort();
 }
 
 void TransactionObject::begin() {
-    // Before it holds the lock: from now on nobody waits for it with the GIL.
+    // Before it holds the lock: from now on no thread waits for it with the GIL.
     if (alone_)
         buffer().reasons.add_wait();
     try {

@@ -31,7 +31,7 @@ namespace {
 
 using Bytes = std::span<const std::byte>;
 
-/// The bytes of a bytes-like object. Those that somebody may change are copied: decoding relies on
+/// The bytes of a bytes-like object. Mutable ones are copied: decoding relies on
 /// what it has checked. Must be destroyed with the GIL.
 class Message {
 public:
@@ -139,7 +139,7 @@ nb::list ingest_members(BufferObject& self, nb::handle data, nb::handle encoding
     return records;
 }
 
-/// Who sent each of many messages: one name for all, or one name each. Made with the GIL.
+/// The sender of each of many messages: one name for all, or one name each. Made with the GIL.
 class Senders {
 public:
     Senders(nb::handle authority, nb::handle messages) {
@@ -320,7 +320,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encod
     return result_of(tally);
 }
 
-/// The names of who sent, by source. Valid as long as the dict.
+/// The names of the senders, by source. Valid as long as the dict.
 std::map<std::uint32_t, std::string_view> senders_of(const nb::dict& authorities) {
     std::map<std::uint32_t, std::string_view> names;
     for (const auto& [source, name] : authorities) {

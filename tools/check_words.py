@@ -33,7 +33,7 @@ REJECTED_IN_NAMES = re.compile(
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/[!c]*.md", "docs/howto/*.md")
 PYTHON = ("src/**/*.py",)
 TESTS = ("tests/**/*.py",)
-CPP: tuple[str, ...] = ()
+CPP = ("core/**/*.?pp", "bindings/**/*.?pp")
 SHORT = re.compile(r"README\.md|docs/howto/.*")  # the documents whose sentences are counted
 
 SENTENCE_END = re.compile(r"(?<=[.!?])\*{0,2}\s+")

@@ -364,7 +364,7 @@ constexpr const char* kSetDoc =
     "one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.\n\n"
     "Parameters\n----------\n"
     "transform\n    A `geometry_msgs/TransformStamped` of any library.\n"
-    "authority\n    Who writes.\n\n"
+    "authority\n    Name of the writer.\n\n"
     "Raises TypeError for other messages. What is wrong with the store, not with the\n"
     "transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.";
 

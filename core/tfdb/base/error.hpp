@@ -62,7 +62,7 @@ struct ErrorDetail {
     std::string edge;                   // child frame of the edge that failed
     std::string parent;                 // its parent at that stamp
     std::string frame;                  // the one frame that the error is about
-    std::string authority;              // who wrote
+    std::string authority;              // name of the writer
     std::vector<std::string> frames;    // children in use, frames of a cycle, or the two roots
     std::string reason;                 // "past", "future", "no data", or which field and why
     std::optional<std::int64_t> stamp;  // asked or refused, ns

@@ -10,7 +10,7 @@ class Interruption {
 public:
     virtual void ask() = 0;
 
-    /// That of this thread; null: nobody wants to end its work.
+    /// That of this thread; null: its work cannot be interrupted.
     static Interruption*& current() noexcept {
         static constinit thread_local Interruption* here = nullptr;
         return here;

@@ -116,7 +116,7 @@ void ancestors(Source& from, const Buffer& names, int generation) {
 }
 
 /// Transactions that read one frame and then write it, each from the same read lock, beside readers
-/// of that frame: nobody may wait for ever, and no increment is lost.
+/// of that frame: no thread waits for ever, and no increment is lost.
 void upgrades(Concurrency engine) {
     constexpr int kEach = 60;
     Buffer buffer(options_of(engine, 1000));

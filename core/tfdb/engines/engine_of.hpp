@@ -5,7 +5,7 @@
 #include <mutex>
 
 #include "tfdb/engines/retry.hpp"
-#include "tfdb/store/asking.hpp"
+#include "tfdb/store/question_resolver.hpp"
 #include "tfdb/store/transaction_in.hpp"
 #include "tfdb/store/writes.hpp"
 
@@ -28,7 +28,7 @@ public:
             const auto find = [&](std::string_view name) {
                 return store_.names.find(name, view.commit());
             };
-            return Asking(view, find, question).answer(answer, failure);
+            return QuestionResolver(view, find, question).answer(answer, failure);
         });
         answer.commit = as_of;
         failure.commit = as_of;

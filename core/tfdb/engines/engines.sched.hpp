@@ -89,7 +89,7 @@ struct Stage {
     }
 
     /// One batch on both edges. `frames` in the order in which they are to be locked. `breaks`:
-    /// there is no room for the second edge's samples, so the commit number stays as it is.
+    /// memory is too short for the second edge's samples, so the commit number stays as it is.
     CommitNumber write(unsigned thread, StampNs stamp,
                        const std::vector<FrameId>& frames = {kOdom, kBase}, bool breaks = false) {
         S session(shared, in_slot(thread));
@@ -162,7 +162,7 @@ struct Stage {
 
     [[nodiscard]] StampNs newest(FrameId id) const { return edge(id).newest(); }
     [[nodiscard]] std::uint64_t samples(FrameId id) const { return edge(id).stored(); }
-    /// After all threads: nothing is held, nobody is inside.
+    /// After all threads: no lock is held, no slot is taken.
     void require_all_free() {
         require(shared.gate.gate().peek() == 0, "the gate is open");
         for (unsigned slot = 0; slot < SyncTuning<ForestMemory>::kSlots; ++slot)

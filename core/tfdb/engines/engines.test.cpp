@@ -1,4 +1,5 @@
-// Every engine, in one program: right answers, whole batches, nobody starved, nothing left behind.
+// Every engine, in one program: right answers, whole batches, no starved thread, no lock left
+// behind.
 #include <atomic>
 #include <cmath>
 #include <functional>

@@ -1,4 +1,4 @@
-// Where threads sleep until something may have changed, at one load for who changes it.
+// Sleep until a change; notifying costs one load if no thread waits.
 #pragma once
 
 #include "tfdb/sync/word.hpp"
@@ -6,7 +6,7 @@
 namespace tfdb::sync {
 
 /// An event count on one word: the epoch above, how many wait below. After D. Vyukov's eventcount.
-/// A waiter: `prepare`, look whether it still has to wait, then `wait` or `cancel`. Who changes
+/// A waiter: `prepare`, check the condition, then `wait` or `cancel`. The thread that changes
 /// what waiters look at: change it, then `notify_all`.
 /// Threads: any.
 /// Guarantee: all but `wait` and `await` are wait-free. No wake-up is lost: a change is seen by the
@@ -37,7 +37,7 @@ public:
         cancel();
     }
 
-    /// Wakes all that wait; one load behind a full fence when nobody does.
+    /// Wakes all waiting threads; one load behind a full fence if none waits.
     void notify_all() noexcept {
         Word::fence_full();
         if ((word_.load_relaxed() & kWaiters) == 0)

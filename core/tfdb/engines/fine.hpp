@@ -100,8 +100,8 @@ public:
             release(held.back());
     }
 
-    /// One frame at a time, as often as one likes: whoever waits for a second one while it holds
-    /// the first might wait for ever, so a second one is read without its lock.
+    /// Holds one frame at a time. A thread that waited for a second lock while it holds the first
+    /// could deadlock, so a second frame is read without its lock.
     [[nodiscard]] bool enter(FrameId id) {
         if (this->alone() || (stays_ > 0 && id != read_))
             return true;

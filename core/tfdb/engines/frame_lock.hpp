@@ -1,4 +1,4 @@
-// The shared/exclusive lock of one frame, which also says who holds it.
+// The shared/exclusive lock of one frame, with its holders.
 #pragma once
 
 #include <bit>
@@ -7,12 +7,12 @@
 
 namespace tfdb::sync {
 
-/// One word: a bit per holder (a gate's slot), one that somebody waits, one for exclusive. Shared
-/// goes with shared, exclusive with nothing. Engines decide who waits, dies or wounds; `wait_for`
-/// is how one waits.
+/// One word: a bit per holder (a gate's slot), one for waiting threads, one for exclusive. Shared
+/// goes with shared, exclusive with nothing. Engines decide which session waits, dies or
+/// wounds; `wait_for` waits.
 /// Threads: any; a slot is used by one thread at a time.
-/// Guarantee: all but `wait_for` are lock-free and never wait. Whoever waits is told by the event
-/// when the last holder leaves, or the last but one (which may be who waits, for an upgrade).
+/// Guarantee: all but `wait_for` are lock-free and never wait. The event wakes waiting threads
+/// when the last holder leaves, or the last but one (the waiting thread itself, for an upgrade).
 template <class Word>
 class BasicFrameLock {
 public:
@@ -28,7 +28,7 @@ public:
         std::uint64_t found;
 
         explicit operator bool() const { return granted; }
-        /// Who else holds the lock: of a request that was refused, who is in its way.
+        /// The other holders of the lock: those in the way of a refused request.
         [[nodiscard]] std::uint64_t others(unsigned slot) const {
             return found & kHolders & ~bit(slot);
         }
@@ -39,7 +39,7 @@ public:
 
     explicit BasicFrameLock(Word& word) noexcept : word_(word) {}
 
-    /// Granted also to who has it already, shared or exclusively.
+    /// Granted again to its holder, shared or exclusive.
     [[nodiscard]] Attempt try_shared(unsigned slot) noexcept {
         std::uint64_t found = word_.load_relaxed();
         do {
@@ -51,7 +51,7 @@ public:
         return {true, found};
     }
 
-    /// Granted also to the only holder of the shared lock, and to who has it already.
+    /// Granted also to the only holder of the shared lock, and again to its holder.
     [[nodiscard]] Attempt try_exclusive(unsigned slot) noexcept {
         const std::uint64_t wanted = bit(slot) | kExclusive;
         std::uint64_t found = word_.load_relaxed();
@@ -84,7 +84,7 @@ public:
     }
 
     /// Sleeps until a lock that refused may have become free, or `give_up()` is true when told.
-    /// Whoever makes `give_up()` true must `notify_all` the event then.
+    /// A thread that makes `give_up()` true must then `notify_all` the event.
     template <class Event, class GiveUp>
     void wait_for(const Attempt& refused, Event& event, GiveUp give_up) {
         const auto epoch = event.prepare();

@@ -93,7 +93,7 @@ Program shared_and_exclusive(Cast cast) {
     };
 }
 
-/// Whoever is refused goes away.
+/// A refused thread goes away.
 template <class W>
 Program tried(Cast cast) {
     return [cast](Run& run) {
@@ -208,7 +208,7 @@ struct SplitGrant : SplitCompareExchange {
     }
 };
 
-/// A waiter's mark that is lost: the lock looks as if nobody waited.
+/// A waiter's mark that is lost: the lock looks as if no thread waited.
 struct ForgetsWaiters : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         const bool marks = (desired & Lock::kWaited) != 0;

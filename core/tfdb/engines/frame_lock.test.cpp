@@ -60,7 +60,7 @@ TFDB_TEST(frame_lock_tells_who_leaves_whether_somebody_waits) {
     CHECK(!lock.mark_waited(refused));   // it has changed since
     CHECK(lock.try_shared(5).waited());  // granted all the same
     CHECK(!lock.release(5));
-    CHECK(!lock.release(1));  // two are left: nobody's turn yet
+    CHECK(!lock.release(1));  // two holders are left
     CHECK(lock.release(2));   // slot 3 may be who waits, for an upgrade
     CHECK(!lock.release(3));
     CHECK_EQ(word.load_relaxed(), 0U);

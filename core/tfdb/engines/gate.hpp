@@ -7,16 +7,16 @@
 
 namespace tfdb::sync {
 
-/// What a slot counts for those who were in it.
+/// What a slot counts for its threads.
 enum class SlotCount : std::uint8_t { kRetries, kLockWaits };
 
-/// Slots that threads enter and leave, and a word that closes them all. Whoever is in a slot must
-/// leave it before it closes the gate, or waits for who may close it.
-/// Threads: any; `leave`, `add` and stores to `age` only by who is in the slot; one closes at a
-/// time; `open` only who closed.
-/// Guarantee: `enter` and `leave` cost one exchange each on a line of the thread's own, and wait
-/// for nobody while the gate is open and a slot is free. `close` waits for those inside; `enter`
-/// waits while it is closed; who was turned away gets in before the next `close`.
+/// Slots that threads enter and leave, and a word that closes them all. A thread in a slot must
+/// leave it before it closes the gate, or waits for a thread that may close it.
+/// Threads: any; `leave`, `add` and stores to `age` only the thread in the slot; one closes at a
+/// time; `open` only the thread that closed.
+/// Guarantee: `enter` and `leave` cost one exchange each on a line of the thread's own, and do
+/// not wait while the gate is open and a slot is free. `close` waits for those inside; `enter`
+/// waits while it is closed; a thread that was turned away gets in before the next `close`.
 template <class Word, unsigned Slots = 62, int Spins = 100>
 class BasicGate {
 public:
@@ -54,7 +54,7 @@ public:
         gate().notify_all();
     }
 
-    /// Whether somebody is inside, has closed it, or waits for it to open.
+    /// Whether a thread is inside, has closed it, or waits for it to open.
     [[nodiscard]] bool in_use() const noexcept {
         bool used = gate_line_.words[0].load_relaxed() != 0;
         for (const Line& line : lines_)
@@ -90,7 +90,7 @@ private:
     // A slot's first word.
     static constexpr std::uint64_t kFree = 0;
     static constexpr std::uint64_t kTaken = 1;
-    static constexpr std::uint64_t kAwaited = 2;  // taken, and somebody sleeps until it is free
+    static constexpr std::uint64_t kAwaited = 2;  // taken, and a thread sleeps until it is free
 
     enum LineWord : unsigned { kClaimed, kAge, kState, kCounts, kLineWords = 8 };
     struct alignas(64) Line {
@@ -113,7 +113,7 @@ private:
         }
     }
 
-    /// Nobody closes the gate once it was open after this thread has counted itself.
+    /// Once the gate was open after this thread has counted itself, it stays open.
     unsigned enter_after_closure(unsigned preferred) noexcept {
         std::uint64_t now = gate().fetch_add(kTurnedAway) + kTurnedAway;
         for (int spin = 0; (now & kClosed) != 0; now = gate().load_relaxed(), ++spin) {
@@ -137,7 +137,7 @@ private:
         }
     }
 
-    /// Sleeps while the slot stays taken by who has it.
+    /// Sleeps while the slot stays taken by the same thread.
     void await_change(unsigned slot) noexcept {
         std::uint64_t found = kTaken;
         if (claimed(slot).compare_exchange(found, kAwaited) || found == kAwaited)

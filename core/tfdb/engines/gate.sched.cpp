@@ -111,7 +111,7 @@ Program buffered(bool guest) {
     };
 }
 
-/// Whoever a closing has turned away is in before the next one.
+/// A thread that a closing has turned away is in before the next one.
 template <class W>
 Program turned_away() {
     return [](Run& run) {
@@ -177,7 +177,7 @@ TFDB_SCHED(gate_flaws_are_found) {
     Walk walk;
     walk.must_fail("a guest that looks before it claims", "guests_are_out", buffered(true));
     walk.must_fail("a closer that looks before it closes", "guests_are_out", buffered(false));
-    walk.must_fail("nobody looks", "guests_are_out", gathered<Careless, 1, 0>({1, 1}));
+    walk.must_fail("no look at the slots", "guests_are_out", gathered<Careless, 1, 0>({1, 1}));
     walk.must_fail("claims in two steps", "slot_was_empty",
                    gathered<SplitOrderedExchange, 1, 0>({2, 0}));
     walk.must_fail("closings in two steps", "gate().peek() == 0",
@@ -186,7 +186,7 @@ TFDB_SCHED(gate_flaws_are_found) {
                    gathered<SplitCompareExchange, 1, 0>({2, 0}));
     walk.must_fail("leaving in two steps", kDeadlock, gathered<SplitExchange, 1, 0>({1, 1}));
     walk.must_fail("turned away in two steps", kDeadlock, gathered<SplitFetchAdd, 1, 0>({1, 1}));
-    walk.must_fail("waking nobody", kDeadlock, gathered<SilentNotify, 1, 0>({1, 1}));
+    walk.must_fail("a lost wake-up", kDeadlock, gathered<SilentNotify, 1, 0>({1, 1}));
     walk.must_fail("waking one", kDeadlock, gathered<NarrowNotify, 2, 0>({2, 1}));
     walk.must_fail("sleeping without looking again", kDeadlock, gathered<BlindWait, 1, 0>({1, 1}));
     walk.must_fail("closing before those who were turned away", "was_let_in",

@@ -9,7 +9,7 @@ namespace tfdb::txn {
 
 /// A stay in a slot of the gate, or the gate closed and the commit lock held. `Engine` is the
 /// session derived from it: its `let_go` gives back what it holds in frames, and its destructor
-/// ends what is open. Threads: one. Guarantee: whoever is in a slot does not wait for the gate or
+/// ends what is open. Threads: one. Guarantee: a thread in a slot does not wait for the gate or
 /// the commit lock.
 template <class M, class Engine>
 class GateSession {
@@ -81,7 +81,7 @@ private:
             shared_.lock.lock();
         shared_.gate.close();
         where_ = Where::kAlone;
-        slot_ = 0;  // with the gate closed nobody else counts there
+        slot_ = 0;  // with the gate closed no other thread counts there
     }
 
     Where where_ = Where::kOutside;

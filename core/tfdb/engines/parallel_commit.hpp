@@ -11,7 +11,7 @@
 namespace tfdb::txn {
 
 /// Whether parent and kind of a sample are those that its edge has already. Such a sample relates
-/// no frames anew, so nobody's path changes and no cycle can close. What this asks cannot change
+/// no frames anew, so no path changes and no cycle can close. What this asks cannot change
 /// while commits that append are the only ones under way.
 template <class Memory>
 [[nodiscard]] bool fits_edge(const graph::Frames<Memory>& frames, FrameId child,
@@ -44,10 +44,10 @@ struct PlainBatch {
     struct Item {
         FrameId child = kNoFrame;
         history::NewSample<Memory> sample;
-        std::uint64_t author = 0;  // for whoever stores that
-        std::uint32_t mended = 0;  // for whoever counts that
+        std::uint64_t author = 0;  // for `store`
+        std::uint32_t mended = 0;  // how many quaternions were normalised
     };
-    std::vector<Place> order;  // scratch of whoever fills the batch
+    std::vector<Place> order;  // scratch for filling the batch
     std::vector<Item> items;
     std::vector<FrameId> frames;  // those written, ascending, each once
 };

@@ -48,7 +48,7 @@ template <class Memory>
 }
 
 /// Appends a batch under the locks of its frames, if all that the session has read still holds.
-/// `stored(item)` is called before anybody can see the sample, and throws nothing. Throws
+/// `stored(item)` is called before the sample is visible, and throws nothing. Throws
 /// CapacityExceeded: nothing is stored then, and no number used. An engine that does not isolate
 /// stores sample by sample, each by itself.
 template <Session S, class Stored>
@@ -79,10 +79,10 @@ template <Session S, class Stored>
             return Written::kNotPlain;
         store(batch.items);
     } else {
-        // A sample that is too old when its turn comes is stored all the same, and seen by nobody.
+        // A sample that is too old when its turn comes is stored all the same; no read returns it.
         if (!only_adds(shared, batch))
             return Written::kNotPlain;
-        // Where there is no room for some of it, none of it is stored.
+        // If memory is too short for part of it, none of it is stored.
         bool fits = true;
         for_each_edge<typename S::Memory>(shared.frames, batch.items, [&](auto, const auto& items) {
             (void)session.lock({&items.front().child, 1});

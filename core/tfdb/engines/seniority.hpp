@@ -1,4 +1,4 @@
-// Ages of the sessions in a gate's slots: who is senior to whom.
+// Ages of the sessions in a gate's slots, and their order.
 #pragma once
 
 #include "tfdb/engines/shared_state.hpp"

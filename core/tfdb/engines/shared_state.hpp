@@ -18,9 +18,9 @@ template <class Memory>
 struct SyncTuning {
     static constexpr unsigned kSlots = 62;
     static constexpr int kSpins = 100;
-    // So nobody starves: after at most 32 attempts, each of which sleeps at most 64 times for a
-    // frame, an operation asks to be alone, urgently. It then waits for what is under way, and for
-    // others that ask urgently.
+    // So no operation starves: after at most 32 attempts, each of which sleeps at most 64 times for
+    // a frame, an operation asks to be alone, urgently. It then waits for what is under way, and
+    // for others that ask urgently.
     static constexpr int kAttemptsBeforeAlone = 32;
     static constexpr int kWaitsBeforeRetry = 64;
     static constexpr bool kAwaitsChange = true;  // of a lock that was refused, before the retry
@@ -42,7 +42,7 @@ struct NotedVersion {
     std::uint64_t version = 0;
 };
 
-/// Lists of whoever is in a slot, kept so that no operation allocates in steady state.
+/// Lists of each slot's thread, kept so that no operation allocates in steady state.
 template <class Memory>
 struct alignas(64) SlotScratch {
     std::vector<FrameId> held;
@@ -51,7 +51,7 @@ struct alignas(64) SlotScratch {
 };
 
 /// The gate, the commit lock and the event that frames' locks are waited for with.
-/// Threads: any; a slot's scratch only who is in the slot.
+/// Threads: any; a slot's scratch only the thread in the slot.
 /// Guarantee: as the parts'.
 template <class Memory>
 struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one per store
@@ -72,7 +72,8 @@ struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one p
         return frames.store_word(graph::kCommit).load_acquire();
     }
 
-    /// The number of a commit that appends; whoever takes it holds the frames that it writes.
+    /// The number of a commit that appends; the thread that takes it holds the frames that it
+    /// writes.
     [[nodiscard]] CommitNumber take_ticket() {
         if (committed() >= kSeesAll - Tuning::kSlots) {
             throw CapacityExceeded("the store has used up its commit numbers: start a new one");

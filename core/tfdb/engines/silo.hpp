@@ -12,7 +12,7 @@ namespace tfdb::txn {
 
 /// Reads take no lock: each frame's version is noted before it is read, and `confirm` finds all of
 /// them unchanged, or the attempt counts for nothing. Writes lock their frames in order of id.
-/// Threads: one. Guarantee: who reads is never waited for; who locks waits, holding only frames
+/// Threads: one. Guarantee: no thread waits for a reader; a locking one waits, holding only frames
 /// of lower ids, so no cycle can arise.
 template <class M>
 class SiloSession : public GateSession<M, SiloSession<M>> {

@@ -5,9 +5,9 @@
 
 namespace tfdb::sync {
 
-/// A lock and a version in one word: bit 0 locked, bit 1 somebody waits, the version above. After
+/// A lock and a version in one word: bit 0 locked, bit 1 a thread waits, the version above. After
 /// S. Tu et al., "Speedy Transactions in Multicore In-Memory Databases" (2013).
-/// Threads: any read; only who has it locked may store what it guards, and unlock.
+/// Threads: any read; only its holder may store what it guards, and unlock.
 /// Guarantee: all but `lock` are wait-free. If `unchanged` says yes, all that was loaded between
 /// `version` and it is of one moment. Of two that each lock one frame and then ask whether the
 /// other's is unchanged, at most one is told yes.
@@ -20,12 +20,12 @@ public:
     [[nodiscard]] std::uint64_t version() const noexcept { return word_.load_acquire(); }
     static constexpr bool locked(std::uint64_t version) { return (version & kLocked) != 0; }
 
-    /// True if nobody has locked it since `version` was asked, which was not locked.
+    /// True if it was not locked since `version` returned this unlocked version.
     [[nodiscard]] bool unchanged(std::uint64_t version) const noexcept {
         Word::fence_acquire();
         return word_.load_ordered() == version;
     }
-    /// The same for who has locked it meanwhile: true if nobody did in between.
+    /// The same for a thread that has locked it meanwhile: true if it was not locked in between.
     [[nodiscard]] bool unchanged_until_mine(std::uint64_t version) const noexcept {
         return (word_.load_relaxed() & ~kWaited) == (version | kLocked);
     }
@@ -34,11 +34,11 @@ public:
         std::uint64_t found = word_.load_relaxed();
         if ((found & kLocked) != 0 || !word_.compare_exchange_ordered(found, found | kLocked))
             return false;
-        Word::fence_release();  // who sees what is stored from here on sees, at its end, the lock
+        Word::fence_release();  // a reader of later stores sees, at its end, the lock
         return true;
     }
 
-    /// Spins, then sleeps on the event. Who locks several must do so in an order of all.
+    /// Spins, then sleeps on the event. Several locks must be taken in one global order.
     template <class Event>
     void lock(Event& event) noexcept {
         for (int i = 0; i < Spins; ++i) {

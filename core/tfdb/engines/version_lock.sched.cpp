@@ -54,7 +54,7 @@ struct Scene {
         const bool is_whole = one == other;
         SCHED_REQUIRE(is_whole);
     }
-    /// Reads, then writes what depends on it, if nobody was faster.
+    /// Reads, then writes what depends on it, if no other thread was faster.
     bool add_one() {
         Lock lock(word);
         const std::uint64_t version = lock.version();

@@ -222,7 +222,7 @@ bool all_finite(const PoseBlock& block, std::size_t count) {
     auto wrong = zero != zero;
     for (std::size_t i = 0; i < count; i += L) {
         const auto& [t, q] = load_poses<L>(block, i);
-        // Zero times anything else is no number.
+        // Zero times infinity or NaN is NaN.
         wrong |= 0.0 * t.x + 0.0 * t.y + 0.0 * t.z != zero;
     }
     return !Lanes<L>::any(wrong);

@@ -172,7 +172,7 @@ TFDB_INLINE constexpr MatrixOf<Number> matrix(const QuatOf<Number>& q) noexcept 
 /// Whether all numbers are finite, for a rotation of length about one.
 TFDB_INLINE constexpr bool is_finite(const Pose& pose) noexcept {
     const Vec3& t = pose.translation;
-    // Zero times anything else is no number.
+    // Zero times infinity or NaN is NaN.
     return 0.0 * t.x + 0.0 * t.y + 0.0 * t.z == 0.0;
 }
 

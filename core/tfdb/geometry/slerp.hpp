@@ -175,7 +175,7 @@ inline Quat slerp_outside(const Quat& a, const Quat& b, double sign, double u) n
 
 }  // namespace detail
 
-/// How far apart two unit quaternions are: what of a slerp does not hang on u.
+/// The distance of two unit quaternions: the part of a slerp that does not depend on u.
 template <class Number>
 struct Apart {
     Number x;     // cosine of the angle between a and the nearer one of b and -b, less one
@@ -192,7 +192,7 @@ TFDB_INLINE Apart<Number> apart(const QuatOf<Number>& a, const Same<QuatOf<Numbe
 
 /// From a (u = 0) towards b (u = 1) at constant angular speed, along the shorter way; of two that
 /// are equally long, to b itself and not to -b. The norm is 1 to a few units of the last place.
-/// A double u may lie outside [0, 1]: the turn goes on at the same speed.
+/// A double u may lie outside [0, 1]: the rotation goes on at the same speed.
 template <class Number>
 TFDB_INLINE QuatOf<Number> slerp(const QuatOf<Number>& a, const Same<QuatOf<Number>>& b,
                                  const Apart<Number>& way, Number u) noexcept {

@@ -10,7 +10,7 @@
 
 namespace tfdb::graph {
 
-/// Where the headers are, and who lives when.
+/// The place of the headers, and which frame lives in which commits.
 /// Threads: reads any; whatever stores, only the holder of the commit lock.
 /// Guarantee: reads are wait-free.
 template <class Memory>
@@ -156,7 +156,7 @@ public:
         push_retired(id);
         store_word(kFreeFull).store_relaxed(0);
     }
-    /// An empty slot whose frame nobody ever saw is reused before all others.
+    /// An empty slot whose frame was never published is reused before all others.
     void push_unseen(FrameId id) const {
         const std::uint64_t head = store_word(kFreeHead).load_relaxed();
         word(id, history::kNextFree).store_relaxed(head);

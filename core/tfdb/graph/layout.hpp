@@ -14,7 +14,7 @@ namespace tfdb::graph {
 enum StoreWord : unsigned {
     kCommit = 0,       // newest published commit: the one linearization point
     kEpoch = 1,        // see history::AsOf
-    kHeldPins = 8,     // whoever holds a state: see Pins
+    kHeldPins = 8,     // held states: see Pins
     kCommitLock = 16,  // see sync::CommitLock
     kFrameCount = 24,  // slots of the frame table ever used
     kFreeHead = 25,    // id + 1 of the frame that was removed first and waits for reuse

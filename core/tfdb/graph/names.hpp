@@ -189,7 +189,7 @@ private:
     [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
         return memory_->word(memory::inside(*memory_, TableWord::block(table)) + 8 * i);
     }
-    /// Of the frame's name, which nobody changes meanwhile.
+    /// Of the frame's name, which does not change meanwhile.
     [[nodiscard]] std::uint64_t stored_hash(FrameId id) const {
         const Offset block = name_block(id);
         return hash_words(stored_size(block), [&](std::size_t at) {

@@ -79,7 +79,7 @@ std::string long_name(std::size_t length, char last) {
 
 TFDB_TEST(names_are_found_while_the_table_grows) {
     Table table(100'000);
-    CHECK_EQ(table.names.find("nobody", 9), kNoFrame);
+    CHECK_EQ(table.names.find("ghost", 9), kNoFrame);
     for (std::uint32_t i = 0; i < 20'000; ++i)
         CHECK_EQ(table.make("frame_" + std::to_string(i), i + 1), i);
     CHECK_EQ(table.frames.count(), 20'000U);

@@ -1,4 +1,4 @@
-// Which states are held or being read: so that writers know what nobody can ask for any more.
+// Reader pins: the oldest commit that a reader may still need.
 #pragma once
 
 #include <algorithm>
@@ -11,10 +11,9 @@ namespace tfdb::graph {
 /// A few counts of states, each with a floor: those that it counts are of that commit or newer. A
 /// count that is found empty gets the newest commit as its floor, and the next ones; the others
 /// meanwhile drain. So the oldest floor follows the oldest state however many overlap.
-/// Threads: `take` and `drop` any; `oldest` only who writes, where others may take pins meanwhile
-/// only the holder of the commit lock.
-/// Guarantee: wait-free. Whoever loads the commit after `take` holds a state that is not older than
-/// what `oldest` says from then on.
+/// Threads: `take` and `drop` any; `oldest` only a writer: the holder of the commit lock, if others
+/// may take pins meanwhile. Guarantee: wait-free. A commit that is loaded after `take` is not older
+/// than what `oldest` returns from then on.
 template <class Memory>
 class Pins {
 public:
@@ -24,7 +23,7 @@ public:
     Pins(const Frames<Memory>& frames, StoreWord first) : frames_(&frames), first_(first) {}
 
     /// Counts one in, in the count that it returns. The full fence pairs with the one in `oldest`:
-    /// either that sees the pin, or the commit that is loaded next is no older than its floor.
+    /// either that sees the pin, or the commit that is loaded next is at or above its floor.
     [[nodiscard]] unsigned take() const {
         // Any count would do: an old hint costs nothing but time.
         const unsigned chosen = in_range(word(kHint).load_relaxed());
@@ -32,9 +31,10 @@ public:
         Memory::fence_full();
         return chosen;
     }
-    /// The same for who may hold it for long: in an empty count, if there is one, and with
-    /// `committed`, the newest just before, as its floor; whoever comes into the count later loads
-    /// no older one. So what is held is not taken for older than it is, while the counts suffice.
+    /// The same for a pin that may be held for long: in an empty count, if one is left, with
+    /// `committed`, the newest commit just before, as its floor. Pins that join the count later
+    /// load no older commit. So no held state is taken for older than it is, while the counts
+    /// suffice.
     [[nodiscard]] unsigned take(CommitNumber committed) const {
         const unsigned chosen = choose();
         if (count(chosen).fetch_add(1) == 0)
@@ -67,7 +67,7 @@ public:
             word(kHint).store_relaxed(empty);
         return oldest;
     }
-    /// Of pins that nobody has taken yet: a floor for the first ones.
+    /// For pins that are not taken yet: a floor for the first ones.
     template <class WordAt>
     static void begin(WordAt word, CommitNumber committed) {
         for (unsigned i = 0; i < kCounts; ++i)

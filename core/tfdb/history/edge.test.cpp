@@ -296,7 +296,7 @@ TFDB_TEST(edge_static_pose_may_be_revised_and_taken_back) {
         edge.abort({kStaticStamp}, 9);
         edge.check_static(edge.committed());
     }
-    CHECK(edge.used_bytes() < 4096);  // revisions replace each other when nobody holds one
+    CHECK(edge.used_bytes() < 4096);  // revisions replace each other unless one is held
     edge.hold(true);
     const CommitNumber held = edge.committed();
     for (int i = 0; i < 100; ++i)

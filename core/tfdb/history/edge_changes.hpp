@@ -1,4 +1,4 @@
-// Has an edge changed since a commit, as far as somebody who read it then could notice?
+// Whether an edge has changed since a commit in a way that a read of that commit depends on.
 #pragma once
 
 #include <algorithm>
@@ -36,7 +36,7 @@ struct EdgeChange {
 };
 
 /// The samples that an edge got after commit `since`.
-/// Threads: only while nobody else writes to the edge: the commit lock is held.
+/// Threads: one that holds the commit lock, so that the edge has no other writer.
 /// Guarantee: wait-free. Never misses a change; may tell one that was taken back.
 template <class Memory>
 class EdgeChanges : private EdgeSegments<Memory> {

@@ -56,7 +56,7 @@ public:
             if (stored.stamp == kClearMarker)
                 return true;
             for (const StampRange& range : ranges) {
-                // One that is forgotten already shows to nobody.
+                // A forgotten sample is visible in no state.
                 if (range.from <= stored.stamp && stored.stamp <= range.to &&
                     stored.stamp >= newest_stamp() - history_) {
                     return true;
@@ -152,7 +152,7 @@ TFDB_TEST(edge_changes_are_those_of_a_plain_list) {
             StampNs from = i - 40 + below(30);
             for (int k = 0; k < 3; ++k) {
                 const StampNs to = from + below(8);
-                // What lies below all that is retained was no part of any answer.
+                // Samples older than all retained ones were not part of any answer.
                 if (from >= edge.newest_stamp() - (seed % 3 == 0 ? kForever : 40))
                     ranges.push_back({from, to});
                 from = to + 1 + below(8);

@@ -110,13 +110,13 @@ TFDB_SCHED(edge_flaws_of_the_writer_are_found) {
     found("commit published before its samples", kAppends, 25, commit_first());
     found("tail stored before the slot", kAppends, 35, late_samples(kTail));
     found("tail stored before its commit is told", kAppends, 35, late(kChanged, kTail));
-    found("nobody told what was evicted", kEvicts, 25, forgotten(kForgotten));
+    found("an eviction that is not reported", kEvicts, 25, forgotten(kForgotten));
     found("directory stored before its entries", kSeals, 15, late_samples(kDirectory));
     found("a copy made part of the edge before it is filled", kLate, 15, late_samples(kTail));
-    found("blocks used again, and nobody told", kLate, 25, reuse_forgotten());
+    found("reused blocks that are not reported", kLate, 25, reuse_forgotten());
     found("version ended before readers are sent to it", kClears, 15, late(kSince, kTail));
     found("version ended, and readers not sent to it", kClears, 15, forgotten(kSince));
-    found("nobody told of a sample that was replaced", kCorrects, 10, forgotten(kCorrected));
+    found("a replacement that is not reported", kCorrects, 10, forgotten(kCorrected));
     found("abort of a sample that is not told to be newer", kAborts, 18, forgotten(kChanged));
 }
 

@@ -23,7 +23,7 @@ struct AsOf {
     std::uint64_t epoch = 0;
     CommitNumber commit = 0;
 };
-/// For who keeps all others from writing.
+/// For a caller that excludes all writers.
 inline constexpr AsOf kAsItIs{kMaxCommit, kMaxCommit};
 
 /// A reader's window on one edge at one commit.

@@ -2,8 +2,8 @@
 //
 // Readers go on beside all of it. What they look at stays as it is: new samples go into slots that
 // no reader was ever sent to, a late one into a copy of its segment, and one store of a word makes
-// it part of the edge. Samples carry the number of their commit, so nobody sees those of a commit
-// that is not published. To take a commit back is to leave its samples out at the ends of segments,
+// it part of the edge. Samples carry the number of their commit: those of an unpublished commit
+// are invisible. To take a commit back is to leave its samples out at the ends of segments,
 // and to mark those in their midst (`trim`): it needs nothing but the number of the last commit, so
 // it can be done after a writer's death as well, and again where it was interrupted.
 #pragma once
@@ -22,7 +22,7 @@
 
 namespace tfdb::history {
 
-/// What writers must know of readers. Threads: as whoever made it. Guarantee: as there.
+/// What writers must know of readers. Threads: those of the implementation. Guarantee: the same.
 class Readers {
 public:
     Readers() = default;
@@ -30,9 +30,9 @@ public:
     Readers& operator=(const Readers&) = delete;
     virtual ~Readers() = default;
 
-    /// The oldest state that anybody may still read. What neither it nor a later one shows may go.
+    /// The oldest state that may still be read. What neither it nor a later one shows may go.
     [[nodiscard]] virtual CommitNumber oldest_read() = 0;
-    /// Who begins to read in this epoch has no way to what was taken out of use before the call.
+    /// A read that begins in this epoch cannot reach what was taken out of use before the call.
     [[nodiscard]] virtual std::uint64_t next_epoch() = 0;
     /// Begins it. No read under way that must not be overtaken began before the epoch returned.
     [[nodiscard]] virtual std::uint64_t begin_epoch() = 0;
@@ -60,7 +60,7 @@ public:
     [[nodiscard]] bool is_held() const { return oldest_read() < committed; }
     /// Held snapshots may have been given up since, for what was written meanwhile.
     void ask_again() const { asked_ = asked_ && oldest_ == committed; }
-    /// Held snapshots count no more: there is no memory for them.
+    /// Held snapshots count no more: memory for them is used up.
     void give_up_snapshots() const {
         asked_ = true;
         oldest_ = committed;
@@ -126,7 +126,7 @@ void retire_segment(Memory& memory, const WriteContext& context, Line line, std:
     retire(memory, context, line, segment.block(), bytes);
 }
 
-/// A block that nobody knows yet: it goes back unless it is put to use.
+/// A block that no other code refers to yet: it is freed unless it is put to use.
 /// Threads: one. Guarantee: as the memory's.
 template <class Memory>
 class NewBlock {
@@ -246,7 +246,7 @@ public:
 
     /// The frame was removed: only states that are held show it.
     void hold_all(const WriteContext& context);
-    /// Gives back all memory: the frame is no more in any state that anybody may read.
+    /// Gives back all memory: no readable state has the frame.
     void release(const WriteContext& context);
 
 private:

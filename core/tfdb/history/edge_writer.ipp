@@ -69,7 +69,7 @@ void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memor
         Topology::kMixedParents);
 }
 
-/// Into a slot that counts for nobody yet.
+/// Into a slot that is not published yet.
 template <class Memory>
 void EdgeWriter<Memory>::write(const WriteContext& context, const Seg& into, std::uint64_t index,
                                const NewSample<Memory>& sample) {
@@ -257,7 +257,7 @@ void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_ca
     this->directory().update_rate();
 }
 
-// -- what nobody needs any more -----------------------------------------------------------------
+// -- blocks that no state needs -----------------------------------------------------------------
 
 /// States before the oldest that is still read may miss something from now on.
 template <class Memory>
@@ -467,7 +467,7 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std:
     }
     const Dir directory = this->directory();
     const Seg in = segment(word);
-    // Nobody enters the first segment by its first stamp.
+    // No search enters the first segment by its first stamp.
     if (k == begin())
         directory.first_word(k).store_relaxed(
             as_word(std::min(in.stamp(in.begin()), directory.first(k))));
@@ -540,7 +540,7 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
                                         const NewSample<Memory>& sample) {
     const Seg old = segment(word_of(k));
     NewSegment<Memory> made(memory_, capacity);
-    // Who comes before all others may be followed by more of the kind: they find room.
+    // A sample before all others may be followed by more of the kind: they find room.
     if (index == old.begin() && k == begin())
         made.start_at(capacity - SegmentWord::count(old.word()) - 1);
     for (std::uint64_t i = old.begin(); i <= old.end(); ++i) {
@@ -608,7 +608,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
         }
         std::size_t next = made.size();
         merge(context, k, run.first(count), made);
-        // Whoever looks for what was first in the segment must find the first piece.
+        // A search for the segment's first sample must find the first piece.
         StampNs from = std::min(directory.first(k), run.front().stamp);
         for (; next < made.size(); ++next) {
             entries.emplace_back(from, made[next].word());
@@ -736,7 +736,7 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
     keep(kOldSince, this->began());
     keep(kOldOlder, goes_on ? memory_.word(before + 8 * Offset{kOldOlder}).load_relaxed() : before);
     keep(kOldEnd, end());
-    // Where a clear was taken back before, who dies before the next store leaves another such.
+    // Where a clear was taken back before, a death before the next store leaves another such.
     if (goes_on)
         this->word(kSince).store_release(context.number());
     this->word(kOlder).store_release(block.offset());
@@ -891,7 +891,7 @@ void EdgeWriter<Memory>::restore_topology() {
 
 template <class Memory>
 void EdgeWriter<Memory>::set_depth_hint(std::uint32_t depth) {
-    // Whoever reads this word must see all that its flags stand for, as with every other store to
+    // A reader of this word must see all that its flags stand for, as with every other store to
     // it.
     this->word(kTopology).store_release(
         Topology::with_parent(this->topology(), Topology::parent(this->topology()), depth));

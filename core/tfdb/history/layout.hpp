@@ -32,7 +32,7 @@ enum HeaderWord : unsigned {
     kDied = 12,        // commit that removed the frame, 0 while it lives
     kName = 13,        // block of the name: length, then bytes
     kChildren = 14,    // how many frames have this one as their newest parent
-    kAuthority = 15,   // id of who wrote last
+    kAuthority = 15,   // id of the last writer
     kLock = 16,        // for engines that lock frames
     kNextFree = 17,    // id + 1 of the next removed frame that waits for reuse
     kCorrected = 18,   // older snapshots miss samples that others of the same stamp replaced
@@ -44,7 +44,7 @@ enum HeaderWord : unsigned {
 inline constexpr std::size_t kHeaderBytes = kHeaderWords * 8;
 static_assert(kHeaderBytes % memory::kLineBytes == 0, "headers are whole cache lines");
 
-/// Stamps that are no times.
+/// Stamps with a special meaning.
 inline constexpr StampNs kNoStamp = -1;
 inline constexpr StampNs kStaticStamp = -2;  // the pose is valid at every stamp
 
@@ -109,9 +109,9 @@ inline constexpr std::size_t kVersionBytes = 128;
 /// tells since when, and stays until the next clear.
 inline constexpr std::uint64_t kTakenBack = 1;
 
-/// First word of a slot: who wrote it and the parent.
+/// First word of a slot: its commit and the parent.
 struct SlotWord {
-    /// Of a sample that was taken back: newer than whatever anybody reads.
+    /// Of a sample that was taken back: newer than every readable state.
     static constexpr CommitNumber kNever = kMaxCommit;
 
     static constexpr std::uint64_t pack(CommitNumber commit, FrameId parent) {

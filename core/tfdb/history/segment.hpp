@@ -47,7 +47,7 @@ struct SegmentWord {
 enum SegmentMeta : unsigned {
     kLeast = 0,     // no sample is of an older commit
     kGreatest = 1,  // of a segment before the tail: no sample is of a newer one
-    kHeld = 2,      // bytes of it that only states that somebody holds show: see Readers::held
+    kHeld = 2,      // bytes of it that only held states show: see Readers::held
 };
 
 /// First word and payload of a slot.
@@ -390,7 +390,7 @@ private:
     void store_node(std::uint64_t k, const Segment<Memory>& in, const Extent& extent) const {
         store_node(k, {extent, in.meta(kGreatest).load_relaxed(), in.meta(kLeast).load_relaxed()});
     }
-    /// Who sees one of the figures sees of which commit they are.
+    /// A reader of one of the figures sees of which commit they are.
     void store(std::uint64_t capacity, unsigned level, std::uint64_t k, const Node& node) const {
         const auto word = node_words(capacity, level, k);
         word(0).store_relaxed(node.changed);
@@ -417,7 +417,7 @@ private:
 };
 
 /// An edge's segments as its writer has them: those of the directory, and the tail behind them.
-/// Threads: only while nobody else writes to the edge. Guarantee: wait-free.
+/// Threads: the only writer of the edge. Guarantee: wait-free.
 template <class Memory>
 class EdgeSegments {
 public:
@@ -440,7 +440,7 @@ public:
                    ? word(kSince).load_relaxed()
                    : memory_.word(version(older) + 8 * Offset{kOldSince}).load_relaxed();
     }
-    /// Samples that are stored, also those that nobody sees any more.
+    /// Number of stored samples, those that no state shows included.
     [[nodiscard]] std::uint64_t stored() const {
         std::uint64_t samples = 0;
         for (std::uint64_t k = begin(); k <= end(); ++k)

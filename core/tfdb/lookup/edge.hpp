@@ -15,17 +15,17 @@ namespace tfdb::lookup {
 /// its samples an edge then has the parent of the nearest one, and the error can name it.
 enum class Edges : std::uint8_t { kAnswering, kAll };
 
-/// What a frame hangs under.
-struct Hang {
+/// A frame's parent at a stamp.
+struct NearestParent {
     FrameId parent = kNoFrame;  // kNoFrame: a root
     bool later = false;         // by a sample that came later than the stamp
 };
 
-/// What the view's samples say that a frame hangs under at a stamp.
+/// A frame's parent at a stamp by the view's samples.
 template <View V>
-[[nodiscard]] Outcome exact_hang(const V& view, FrameId id, StampNs stamp, const Policy& policy,
-                                 Edges edges, Hang& hang) {
-    hang = Hang{};
+[[nodiscard]] Outcome exact_parent(const V& view, FrameId id, StampNs stamp, const Policy& policy,
+                                   Edges edges, NearestParent& nearest) {
+    nearest = NearestParent{};
     typename V::Edge edge;
     if (!view.open(id, edge))
         return Outcome::kLapped;
@@ -43,34 +43,35 @@ template <View V>
     const FrameId found = history::SlotWord::parent(slot);
     // A removed frame connects nothing, even if its slot now holds another one.
     if (view.alive_since(found, history::SlotWord::commit(slot)))
-        hang = {found, chosen.anchor_stamp > stamp && policy.kind != PolicyKind::kLatest};
+        nearest = {found, chosen.anchor_stamp > stamp && policy.kind != PolicyKind::kLatest};
     return Outcome::kOk;
 }
 
-/// What a frame hangs under at a stamp, or by its newest sample; outside the samples by the nearest
-/// one. What frames hang under may run in a circle: no state has a cycle in what its samples hold,
-/// but a frame may hang by a sample that came later. Each such frame of a circle is a root.
+/// A frame's parent at a stamp, or by its newest sample; outside the samples by the nearest one.
+/// These parents may form a cycle, though the samples of no state do: a frame's nearest sample may
+/// be a later one. Each such frame of a cycle is a root.
 template <View V>
-[[nodiscard]] Outcome hang_at(const V& view, FrameId id, std::optional<StampNs> stamp, Hang& hang) {
+[[nodiscard]] Outcome nearest_parent_at(const V& view, FrameId id, std::optional<StampNs> stamp,
+                                        NearestParent& nearest) {
     const Policy policy{stamp ? PolicyKind::kPrevious : PolicyKind::kLatest, kNoLimit};
-    return exact_hang(view, id, stamp.value_or(0), policy, Edges::kAll, hang);
+    return exact_parent(view, id, stamp.value_or(0), policy, Edges::kAll, nearest);
 }
 
-/// The parent that `hang_at` gives a frame, none if it so hangs under itself.
+/// The result of `nearest_parent_at`, but none if the frame would so be its own ancestor.
 template <View V>
 [[nodiscard]] Outcome parent_at(const V& view, FrameId id, std::optional<StampNs> stamp,
                                 FrameId& parent) {
-    Hang own;
-    Outcome outcome = hang_at(view, id, stamp, own);
+    NearestParent own;
+    Outcome outcome = nearest_parent_at(view, id, stamp, own);
     parent = own.parent;
-    Hang above = own;
+    NearestParent above = own;
     const FrameId most = own.later ? view.frame_count() : 0;
     for (FrameId steps = 0; steps < most && above.parent != kNoFrame; ++steps) {
         if (above.parent == id) {
             parent = kNoFrame;
             break;
         }
-        outcome = hang_at(view, above.parent, stamp, above);
+        outcome = nearest_parent_at(view, above.parent, stamp, above);
         if (outcome != Outcome::kOk)
             break;
     }

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <optional>
 
-#include "tfdb/lookup/cover.hpp"
+#include "tfdb/lookup/path_coverage.hpp"
 #include "tfdb/lookup/quick.hpp"
 #include "tfdb/lookup/walk.hpp"
 

@@ -121,13 +121,13 @@ private:
         branching_ |= (side.topology & (Topology::kMixedParents | Topology::kCleared)) != 0;
         FrameId parent = Topology::parent(side.topology);
         if (mode_ == WalkMode::kSamples || (side.topology & kAskSamples) != 0) {
-            Hang hang;
+            NearestParent nearest;
             const Outcome found =
-                exact_hang(view_, side.chain.back(), stamp_, policy_, edges, hang);
+                exact_parent(view_, side.chain.back(), stamp_, policy_, edges, nearest);
             if (found != Outcome::kOk) {
                 return found;
             }
-            parent = hang.parent;
+            parent = nearest.parent;
         }
         side.ended = parent == kNoFrame || side.chain.size() > view_.frame_count();
         if (!side.ended) {
@@ -137,7 +137,7 @@ private:
         return Outcome::kOk;
     }
 
-    /// Ends a chain that runs in a circle at the first frame there that is a root: see hang_at.
+    /// Ends a chain with a cycle at the cycle's first root: see nearest_parent_at.
     [[nodiscard]] Outcome cut_circle(std::vector<FrameId>& chain, Edges edges) {
         const auto again = std::find(chain.rbegin() + 1, chain.rend(), chain.back());
         if (again == chain.rend())
@@ -148,11 +148,11 @@ private:
             ++first;
         chain.resize(first + around);
         for (std::size_t at = first; at < chain.size(); ++at) {
-            Hang hang;
-            const Outcome found = exact_hang(view_, chain[at], stamp_, policy_, edges, hang);
+            NearestParent nearest;
+            const Outcome found = exact_parent(view_, chain[at], stamp_, policy_, edges, nearest);
             if (found != Outcome::kOk)
                 return found;
-            if (hang.later)
+            if (nearest.later)
                 chain.resize(at + 1);
         }
         return Outcome::kOk;
@@ -168,7 +168,7 @@ private:
     bool branching_ = false;
 };
 
-/// A view that notes which samples an answer depends on: hints are no samples.
+/// A view that notes which samples an answer depends on; hints do not count.
 template <class V>
 concept NotingView = View<V> && requires {
     requires V::kNotesReads;

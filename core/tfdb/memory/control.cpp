@@ -18,7 +18,7 @@
 
 #include "tfdb/base/error.hpp"
 #include "tfdb/memory/file.hpp"
-#include "tfdb/sync/bell.hpp"
+#include "tfdb/sync/event_count.hpp"
 #include "tfdb/sync/fork.hpp"
 
 namespace tfdb::memory {
@@ -102,8 +102,7 @@ void make_mutex(pthread_mutex_t* mutex) {
 
 using MutexWords = std::array<std::uint32_t, sizeof(pthread_mutex_t) / 4>;
 
-/// A mutex that nobody ever locked. Those of its words that are not zero say what kind it is, and
-/// stay.
+/// A mutex that was never locked. Its words that are not zero give its kind, and do not change.
 MutexWords fresh_mutex() {
     pthread_mutex_t mutex;
     make_mutex(&mutex);
@@ -171,7 +170,7 @@ bool Control::is_of(const Mapping& mapping, std::uint64_t id) noexcept {
 
 void Control::tell_removal(const Mapping& mapping) noexcept {
     word_of(mapping, kRemovalsWord).fetch_add(1);
-    sync::Bell(word_of(mapping, kBellWord)).ring();
+    sync::EventCount(word_of(mapping, kCommitEventWord)).notify();
 }
 
 unsigned Control::take_slot(const std::string& path) {

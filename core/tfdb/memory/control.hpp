@@ -1,4 +1,4 @@
-// What the processes that share a store tell each other beside its data: who writes, what is read.
+// Control file of a shared store: the writers' mutex and one slot of reader pins per process.
 #pragma once
 
 #include <pthread.h>
@@ -13,7 +13,7 @@
 namespace tfdb::memory {
 
 /// A small file beside the data: the lock that writers of all processes take, and slots for the
-/// processes with the pins of what it reads. Who may only read the data may still write here.
+/// processes with the pins of what it reads. Read-only processes may still write here.
 ///
 /// The lock is a robust mutex: the kernel hands it on when its holder dies, and says so. A slot is
 /// its process's as long as that has its byte of the file locked, which the kernel ends as well; so
@@ -24,13 +24,13 @@ class Control {
 public:
     static constexpr unsigned kSlots = 2048;
     static constexpr unsigned kSlotWords = 16;
-    static constexpr unsigned kProcessWord = 15;  // of a slot: whose it is; pins leave it alone
+    static constexpr unsigned kProcessWord = 15;  // of a slot: its process; pins leave it alone
     static constexpr std::size_t kBytes = 4096 + std::size_t{kSlots} * kSlotWords * 8;
 
     /// Readies a new file of that many bytes. Throws CapacityExceeded.
     static void prepare(const Mapping& mapping, std::uint64_t id);
     /// Takes a slot of the store at a path. The file is closed in the end. Throws CapacityExceeded
-    /// where none is free, CorruptStore where it is no such file, was cut, or is another store's.
+    /// where none is free, CorruptStore for another kind of file, a cut one, or another store's.
     Control(int file, std::uint64_t id, const std::string& path);
     ~Control();
     Control(const Control&) = delete;
@@ -59,9 +59,9 @@ public:
     [[nodiscard]] sync::Word& deaths() const noexcept { return word(3); }
     [[nodiscard]] sync::Word& swept_deaths() const noexcept { return word(4); }
 
-    /// What whoever waits for a commit sleeps on: see sync::Bell.
-    [[nodiscard]] sync::Word& bell() const noexcept { return word(kBellWord); }
-    /// How often the store was removed, by who could still write here.
+    /// The word on which waits for a commit sleep: see sync::EventCount.
+    [[nodiscard]] sync::Word& commit_event() const noexcept { return word(kCommitEventWord); }
+    /// How often the store was removed by a process with write permission here.
     [[nodiscard]] sync::Word& removals() const noexcept { return word(kRemovalsWord); }
 
     /// The words of this process's slot.
@@ -79,11 +79,11 @@ public:
 
     /// Whether a mapped file is the control file of that store.
     [[nodiscard]] static bool is_of(const Mapping& mapping, std::uint64_t id) noexcept;
-    /// Says in such a file to who waits that the store was removed.
+    /// Wakes the waits on such a file: the store was removed.
     static void tell_removal(const Mapping& mapping) noexcept;
 
 private:
-    static constexpr unsigned kBellWord = 6;
+    static constexpr unsigned kCommitEventWord = 6;
     static constexpr unsigned kRemovalsWord = 7;
 
     [[nodiscard]] static sync::Word& word_of(const Mapping& mapping, unsigned index) noexcept {
@@ -99,7 +99,7 @@ private:
     void clear(unsigned index) const noexcept;
 
     Mapping mapping_;
-    int file_;                  // whose locks these are: the mapping's
+    int file_;                  // the mapping's: it owns the locks
     bool is_reopened_ = false;  // or another one, after a fork
     unsigned mine_ = 0;
     std::uint64_t pid_ = 0;        // of this process, after so many forks: only whose turn it is

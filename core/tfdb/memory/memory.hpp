@@ -12,7 +12,7 @@ namespace tfdb::memory {
 /// What a retired block waits for.
 enum class Line : unsigned {
     kReplaced,  // no state shows it: for reads that began before an epoch
-    kEnded,     // states before a commit show it: for whoever holds one
+    kEnded,     // states before a commit show it, and may be held
 };
 inline constexpr unsigned kLines = 2;
 
@@ -21,9 +21,9 @@ inline constexpr unsigned kLines = 2;
 /// is checked. `kPayloadWords` is 7 for poses and smaller in walks.
 ///
 /// A block that readers may still look at is not released but retired, and waits in one of two
-/// lines, with the number of the epoch or commit that nobody needs it from, until `reclaim`.
-/// Whoever has looked at such a block finds by `reclaimed`, the greatest number that has gone, that
-/// it may have read something else.
+/// lines, with the number of the epoch or commit from which it is unused, until `reclaim`.
+/// A reader of such a block finds by `reclaimed`, the greatest number that has gone, that it may
+/// have read other content.
 template <class M>
 concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     typename M::Word;

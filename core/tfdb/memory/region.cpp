@@ -45,7 +45,7 @@ constexpr std::size_t kSkewBytes = 3 * kLineBytes;
 }  // namespace
 
 /// In a file the holder of the commit lock is alone here: it notes that it is at work, so that a
-/// damaged word stops nobody. In private memory the word is a lock.
+/// damaged word stops no process. In private memory the word is a lock.
 /// Threads: one. Guarantee: in a file wait-free; else it blocks.
 class Region::AtWork {
 public:
@@ -229,7 +229,7 @@ Offset Region::allocate(std::size_t bytes) {
     }
     const Offset block = reuse_or_bump(fit);
     count(word(kUsedWord), fit.bytes);
-    // Whoever still reads the block's former content must see, after its acquire fence, what was
+    // A late reader of the block's former content must see, after its acquire fence, what was
     // published when the block was released.
     fence_release();
     return block;
@@ -285,7 +285,7 @@ bool Region::can_regain_line(Offset block) noexcept {
     }
 }
 
-/// Notes first what it gives back: who dies between leaves a bit that costs the next user a call.
+/// Notes first what it gives back: a death in between leaves a bit that costs the next user a call.
 bool Region::give_back_granule(Offset from) {
     if (mapping_.is_file()) {
         Word& bits = given_back(from / granule_);

@@ -16,7 +16,7 @@ namespace tfdb::memory {
 
 /// One mapping, a bump allocator and free lists, all state inside the region, so that processes
 /// which map the same file have one region. There only the holder of the commit lock allocates and
-/// releases; who dies at it leaves what `repair` puts right, and blocks that `sweep` finds. Words 0
+/// releases; a death leaves what `repair` puts right, and blocks that `sweep` finds. Words 0
 /// and 10 to 14 are the file's: see file.hpp.
 /// Threads: any.
 /// Guarantee: `word`, `reclaimed` and the numbers of bytes are wait-free; the rest takes turns
@@ -87,7 +87,7 @@ public:
     [[nodiscard]] static Offset root() noexcept;
     /// Behind the last block.
     [[nodiscard]] Offset end() const noexcept;
-    /// What somebody else puts behind the last block, up to there, counts as used from now on.
+    /// What the caller puts behind the last block, up to there, counts as used from now on.
     void extend(Offset end) noexcept;
     [[nodiscard]] std::size_t capacity() const noexcept { return reserved_; }
 
@@ -99,8 +99,8 @@ public:
         Offset offset;
         std::size_t bytes;
     };
-    /// After a process died that may have been at work here: nobody else is. May be repeated.
-    /// True: it was, so large blocks may be lost until the next `sweep`.
+    /// Repairs the allocator after a process died; no other thread uses it. May be repeated.
+    /// True: it died in the allocator, so large blocks may be lost until the next `sweep`.
     bool repair();
     /// Less than a quarter of what blocks may take is left for new ones.
     [[nodiscard]] bool is_short() const noexcept;

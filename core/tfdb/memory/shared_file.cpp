@@ -23,7 +23,7 @@
 namespace tfdb::memory {
 namespace {
 
-// A pipe of that name would keep who opens it waiting.
+// Opening a pipe of that name would block.
 constexpr int kOpened = O_CLOEXEC | O_NONBLOCK;
 
 [[noreturn]] void throw_for(int error, const std::string& path, bool to_write = false) {
@@ -87,7 +87,8 @@ Header header_of(int file, const std::string& path) {
     return header;
 }
 
-/// Locks a control file as its maker does, as long as the file is open. False: somebody has it.
+/// Locks a control file as its maker does, as long as the file is open. False: another process has
+/// it.
 bool lock_as_maker(int control) {
     struct flock lock {};
     lock.l_type = F_WRLCK;
@@ -130,7 +131,7 @@ void remove_left_over(const std::string& path) {
             continue;
         const std::string control = control_name(path, id);
         const File file(::open(control.c_str(), O_RDWR | kOpened));
-        // Nobody is at work on it, and so it stays: only then is it known whether it was published.
+        // Its maker is gone, so it does not change: only then is it known whether it was published.
         if (file.get() < 0 || !lock_as_maker(file.get()))
             continue;
         ::unlink((control + kUnpublished).c_str());
@@ -236,7 +237,7 @@ NewSharedFile::NewSharedFile(std::string path, std::size_t bytes, unsigned mode,
     }
 }
 
-/// The control file. False: somebody took it for one that was left over, before it was locked.
+/// The control file. False: before it was locked, another process removed it as a leftover.
 bool NewSharedFile::begin() {
     id_ = random_id();
     control_ = control_name(path_, id_);
@@ -291,7 +292,8 @@ void unlink_shared(const std::string& path) {
     if (file.get() < 0)
         throw_for(errno, path);
     std::uint64_t id = id_of(file.get());
-    // Somebody else may remove it now, and make another one: what loses its name here is looked at.
+    // Another process may remove it now, and make a new one: the file that loses its name is
+    // checked.
     const std::string taken = control_name(path, id) + kRemoved;
     if (::rename(path.c_str(), taken.c_str()) != 0)
         throw_for(errno, path);
@@ -299,7 +301,7 @@ void unlink_shared(const std::string& path) {
     if (found.get() >= 0)
         id = id_of(found.get());
     const std::string control = control_name(path, id);
-    // Who may not write there removes the store all the same, and tells nobody.
+    // Without write permission the store is removed all the same, but no wait is woken.
     std::optional<Mapping> told;
     struct stat status {};
     File opened(::open(control.c_str(), O_RDWR | kOpened));

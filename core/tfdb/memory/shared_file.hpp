@@ -19,7 +19,7 @@ struct SharedFile {
     std::unique_ptr<Control> control;  // null: frozen, or this process may not write even there
     std::string path;
     bool writable = false;
-    bool frozen = false;                            // nobody writes to it: see frozen_file.hpp
+    bool frozen = false;                            // it has no writers: see frozen_file.hpp
     std::int64_t lock_timeout_ns = kLockTimeoutNs;  // how long writers here wait for others
 };
 
@@ -28,8 +28,8 @@ struct SharedFile {
 /// permission), CapacityExceeded.
 SharedFile open_shared(const std::string& given, bool writable, std::uint64_t layout);
 
-/// A new store under way. It is there for others from `publish` on, whole or not at all; otherwise
-/// nothing of it remains, and where its maker was killed, whoever comes next removes the rest.
+/// A new store under way. Others find it from `publish` on, whole or not at all. Otherwise nothing
+/// of it remains; if its maker was killed, the next process that makes it removes the rest.
 /// Threads: one. Guarantee: as the file system's.
 class NewSharedFile {
 public:
@@ -61,8 +61,8 @@ private:
     bool published_ = false;
 };
 
-/// Removes a store's files; who has it open goes on. Throws NoSuchStore, CorruptStore (it is none),
-/// ReadOnly.
+/// Removes a store's files; processes that have it open go on. Throws NoSuchStore, CorruptStore (it
+/// is none), ReadOnly.
 void unlink_shared(const std::string& path);
 
 }  // namespace tfdb::memory

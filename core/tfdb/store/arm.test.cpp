@@ -35,7 +35,7 @@ bool violates(const Answer& answer, Direction direction) {
 }
 
 /// One reader of both forms of read, in both directions; counts what violates. In `fine` an edge
-/// may be ahead of the other by more than it remembers, so that there is no common time.
+/// may be ahead of the other by more than it remembers, so that a common time is missing.
 struct Reader {
     Buffer& buffer;
     bool only_latest = false;
@@ -114,7 +114,7 @@ TFDB_TEST(arm_flat_out) {
 }
 
 TFDB_TEST(arm_of_one_mutex_without_batches_violates_the_sum) {
-    // The reader looks between the two writes, whoever is faster: so tf2 can be used no better.
+    // The reader looks between the two writes, whichever thread is faster: so is tf2 used at best.
     Buffer buffer(options_of(Concurrency::kGiant, 5000));
     for (int i = 0; i < 3; ++i)
         write_both(buffer, i);

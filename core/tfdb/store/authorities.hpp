@@ -1,4 +1,4 @@
-// Who writes: names of authorities, and the numbers that frames keep of them.
+// Names of authorities (writers), and their numbers, which frames keep.
 #pragma once
 
 #include <cstddef>
@@ -16,12 +16,12 @@ namespace tfdb::store {
 
 /// Names of authorities by numbers that are never used twice; no name is number 0. In a store that
 /// processes share, the names also lie in its region, as a list that only grows.
-/// Threads: any; `keep_only` only who is alone in the store.
+/// Threads: any; `keep_only` only with exclusive use of the store.
 /// Guarantee: they block only against each other. What throws leaves all as it was.
 class Authorities {
 public:
     Authorities();
-    /// Before anybody asks: `newest` is the word of the region that leads to the list.
+    /// Before the first read: `newest` is the word of the region that leads to the list.
     void share(memory::Region& region, sync::Word& newest);
 
     /// The number of a name, a new one if need be: where the names are shared, only the holder of
@@ -38,7 +38,7 @@ public:
     /// `spare` more, have come.
     void keep_only(std::vector<std::uint64_t> ids, std::size_t spare);
 
-    /// Whether somebody is at the names.
+    /// Whether a thread uses the names.
     [[nodiscard]] bool in_use() const noexcept { return lock_.in_use(); }
     /// What the names occupy.
     [[nodiscard]] std::size_t bytes() const;

@@ -62,7 +62,7 @@ struct Workspace {
     Mark marks[kBlock] = {};
 };
 
-/// Those of one thread: who may end its work may ask for a batch of its own, amid another one.
+/// One thread's workspaces, used as a stack: a signal handler may run a batch inside a batch.
 /// Threads: one. Guarantee: wait-free but for the first of each depth.
 struct Workspaces {
     std::vector<std::unique_ptr<Workspace>> all;
@@ -217,7 +217,7 @@ private:
             for (std::size_t i = 0; i < count; ++i) {
                 if (space_.marks[i] == Mark::kPlain)
                     continue;
-                if (!settle(view, i, in_order ? begin + at + i : rows[i].index))
+                if (!answer_single(view, i, in_order ? begin + at + i : rows[i].index))
                     return Outcome::kLapped;
             }
             emit_(begin + at, rows, count);
@@ -284,8 +284,8 @@ private:
         return true;
     }
 
-    /// The pose of a stamp that the kernels left out, or that there is none. False: overtaken.
-    [[nodiscard]] bool settle(const StoreView& view, std::size_t i, std::size_t row) {
+    /// Looks up a stamp that the kernels left out. False: overtaken.
+    [[nodiscard]] bool answer_single(const StoreView& view, std::size_t i, std::size_t row) {
         Mark& mark = space_.marks[i];
         const bool unsure = mark == Mark::kRefused && !request_.stop;
         if (unsure && !only_path_ && check_only_path(view) == Outcome::kLapped)
@@ -303,7 +303,7 @@ private:
         return outcome != Outcome::kLapped;
     }
 
-    /// Whether there is no other path where an edge of this one refuses: each of its frames, and of
+    /// Whether this path stays the only one if an edge of it refuses: each of its frames, and of
     /// those above it, has one parent at all times, and none comes twice. kLapped, or kOk.
     Outcome check_only_path(const StoreView& view) {
         std::vector<FrameId>& path = space_.path;

@@ -177,7 +177,7 @@ Concurrency Buffer::concurrency() const {
 
 MemoryUse Buffer::memory() const {
     store::check_may_wait(*store_);
-    // Who may not write may not lock: what it counts then may change under its eyes.
+    // A read-only process cannot lock: its counts may change while it counts.
     std::optional<store::Alone> alone;
     if (store_->shared == nullptr || store_->shared->writable)
         alone.emplace(*store_);

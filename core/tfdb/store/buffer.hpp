@@ -30,7 +30,7 @@ enum class Concurrency : std::uint8_t {
     kSnapshot,   // the default: reads from snapshots, one commit at a time
     kGiant,      // one mutex for everything, as in tf2
     kFine,       // a lock per frame, held while that frame is read or written: not atomic
-    kNoWait,     // two-phase locking; who is refused a lock for writing starts again
+    kNoWait,     // two-phase locking; a refused write lock restarts the transaction
     kWaitDie,    // two-phase locking; the older waits for the younger, the younger starts again
     kWoundWait,  // two-phase locking; the older makes the younger start again
     kSilo,       // optimistic: reads are checked at the end
@@ -76,7 +76,7 @@ struct SharedUse {
 struct FrozenUse {
     std::string path;
     std::size_t size = 0;  // bytes of its file
-    std::string origin;    // what whoever froze it said
+    std::string origin;    // the text given to `freeze`
 };
 
 namespace store {
@@ -103,7 +103,7 @@ struct FrameInfo {
     StampNs newest = -1;
     StampNs longest_gap = 0;
     bool cleared = false;    // it had samples, which were dropped, and has none since
-    std::string authority;   // who wrote last, in the newest state
+    std::string authority;   // the last writer, in the newest state
     std::uint64_t late = 0;  // samples that came out of order, in the newest state
 };
 
@@ -135,7 +135,7 @@ struct MemoryUse {
     std::size_t frames = 0;       // frame slots in use, 192 bytes each
     std::size_t samples = 0;      // samples that are stored, also those that are no longer retained
     std::size_t frame_bytes = 0;  // frames * header size
-    std::size_t authority_bytes = 0;  // names of those who write, beside `used_bytes`
+    std::size_t authority_bytes = 0;  // names of writers, beside `used_bytes`
 };
 
 struct Counters {
@@ -144,9 +144,9 @@ struct Counters {
     std::uint64_t lapped_reads = 0;  // single lookups that took a fresh snapshot
     std::uint64_t pinned_reads = 0;  // ... that in the end pinned their state
     std::uint64_t aborts = 0;        // transactions that ended without a commit, conflicts included
-    std::uint64_t conflicts = 0;     // transactions that lost against another commit
+    std::uint64_t conflicts = 0;     // transactions aborted by a conflicting commit
     std::uint64_t retries = 0;       // lookups and writes that the engine had to begin again
-    std::uint64_t lock_waits = 0;    // how often somebody waited for a frame's lock
+    std::uint64_t lock_waits = 0;    // waits for a frame's lock
 };
 
 struct Twist {
@@ -167,8 +167,8 @@ struct Changes {
     };
     CommitNumber commit = 0;
     std::vector<Edge> stored;
-    std::vector<std::string> made;   // frames that are new
-    std::vector<std::string> moved;  // that were there, and hang under another parent now, or none
+    std::vector<std::string> made;     // frames that are new
+    std::vector<std::string> moved;    // existing frames with another parent, or none
     std::vector<std::string> cleared;  // whose samples were dropped, before what was stored
     std::vector<std::string> removed;
     std::vector<std::string> passing;  // made and removed; samples of others may name them
@@ -246,7 +246,7 @@ public:
     [[noreturn]] void raise(const Failure& failure, const Question& question) const;
 
     /// The frame's parent at a stamp (none: of its newest sample); outside the edge's data that of
-    /// its nearest sample, unless it would then hang under itself. None for a root. Throws
+    /// its nearest sample, unless it would then be its own ancestor. None for a root. Throws
     /// UnknownFrame.
     [[nodiscard]] std::optional<std::string> parent_of(
         std::string_view name, std::optional<StampNs> stamp = std::nullopt) const;
@@ -323,13 +323,12 @@ public:
     Snapshot(const Snapshot&) = delete;
     Snapshot& operator=(const Snapshot&) = delete;
 
-    /// Writes this state into a file, which `Buffer::open_frozen` reads: what every read of it says
-    /// is what this snapshot says. The file takes the name whole or not at all, and the place of
-    /// one that has it: who has that open goes on with it. `origin`: any text, which comes back
-    /// with it. `in_place`: the file is written under `path` from the start, for a caller who gives
-    /// it another name once it is whole; there must be none. Throws SnapshotTooOld,
-    /// CapacityExceeded (the disk is full, or 65,536 authorities), NoSuchStore (no such folder),
-    /// StoreExists (`in_place`), ReadOnly (no permission).
+    /// Writes this state into a file for `Buffer::open_frozen`: reads of it return what reads of
+    /// this snapshot return. The complete file replaces one of that name; processes that have the
+    /// old one open go on with it. `origin`: any text, which is kept. `in_place`: the file is
+    /// written under `path`, which must be missing, from the start; the caller renames it later.
+    /// Throws SnapshotTooOld, CapacityExceeded (the disk is full, or 65,536 authorities),
+    /// NoSuchStore (no such folder), StoreExists (`in_place`), ReadOnly (no permission).
     void freeze(const std::string& path, std::string_view origin = {}, bool in_place = false) const;
 
 private:
@@ -337,7 +336,7 @@ private:
     Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin);
 
     unsigned pin_;         // which count of held snapshots it is in
-    std::uint64_t forks_;  // in whose process: a child's copy is not counted where that is shared
+    std::uint64_t forks_;  // of its process: in a shared store a child's copy is not counted
 };
 
 /// The store. Threads: any number may read and write at once; writers take turns.
@@ -357,12 +356,12 @@ public:
     /// LockTimeout. Throws NoSuchStore, CorruptStore, ReadOnly, CapacityExceeded.
     [[nodiscard]] static Buffer open(const std::string& path, bool writable,
                                      std::int64_t lock_timeout_ns = 10 * clock::kNanosPerSecond);
-    /// Removes it; who has it open goes on. Throws NoSuchStore, CorruptStore, ReadOnly.
+    /// Removes it; processes that have it open go on. Throws NoSuchStore, CorruptStore, ReadOnly.
     static void unlink(const std::string& path);
     /// None for a store of this process alone, and for a frozen one.
     [[nodiscard]] std::optional<SharedUse> shared() const;
 
-    /// Opens a frozen store, which nobody can write to. `verify`: read all of it and compare it
+    /// Opens a frozen store, which is read-only. `verify`: read all of it and compare it
     /// with its checksum; otherwise only what stands at its front. Throws NoSuchStore, CorruptStore
     /// (also: damaged, of another version or machine), ReadOnly (no permission to read),
     /// CapacityExceeded.
@@ -405,9 +404,9 @@ public:
     /// Gives memory that no state needs any more back to the system, what outlived the history
     /// included, as whole pages. False, and nothing was given back, while an older state than the
     /// newest is held, or a read goes on that was overtaken again and again; a transaction that is
-    /// open, and the fourth of several snapshots, may be taken for older than they are. Takes
-    /// longer the more is stored, and the more frames there are; nobody writes meanwhile, reads go
-    /// on. Throws ReadOnly, TransactionActive, LockTimeout, CorruptStore.
+    /// open, and the fourth of several snapshots, may be taken for older than they are. The
+    /// time grows with the number of samples and frames; writes wait meanwhile, reads go on. Throws
+    /// ReadOnly, TransactionActive, LockTimeout, CorruptStore.
     bool compact();
 
     /// What the commits after `since` did, one by one in their order; at most `limit` of them. All
@@ -422,19 +421,19 @@ public:
                                                std::size_t limit = kNoLimit) const;
     static constexpr std::size_t kNoLimit = ~std::size_t{0};
 
-    /// Waits until the question has an answer, as whoever asks then will see, or not any more if
-    /// it is gone again by then. False: it had none for so long (none: for ever), or `stop_waits`
-    /// was called. Throws BufferClosed (`end_waits` was called), NoSuchStore (its name was removed
-    /// meanwhile), InvalidName (no frame can have it), TransactionActive, and NotSupported in the
-    /// engines of the research, and where this process may not write to the store's control file;
-    /// and what an Interruption throws.
+    /// Waits until the question has an answer, which a later write may remove again. False: it had
+    /// none for so long (none: for ever), or `stop_waits` was called. Throws BufferClosed
+    /// (`end_waits` was called), NoSuchStore (its name was removed meanwhile), InvalidName (no
+    /// frame can have it), TransactionActive, and NotSupported in the engines of the research, and
+    /// where this process may not write to the store's control file; and what an Interruption
+    /// throws.
     [[nodiscard]] bool wait_for(const Question& question,
                                 std::optional<std::int64_t> timeout_ns) const;
     /// The same for a commit with a greater number.
     [[nodiscard]] bool wait_for_commit(CommitNumber after,
                                        std::optional<std::int64_t> timeout_ns) const;
-    /// The same for those who cannot block, like event loops: one thread blocks in `ended_waits`
-    /// for all of them. Returns the wait's number; 0: what is waited for is there.
+    /// The same without blocking, for event loops: one thread blocks in `ended_waits` for all
+    /// waits. Returns the wait's number; 0: the answer is there.
     [[nodiscard]] std::uint64_t begin_wait(const Question& question) const;
     [[nodiscard]] std::uint64_t begin_wait_for_commit(CommitNumber after) const;
     /// False: it has ended already.

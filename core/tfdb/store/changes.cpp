@@ -75,27 +75,27 @@ private:
     std::unordered_map<FrameId, std::vector<Removal>> removals_;  // in their order
 };
 
-/// Says what commits did, as the newest state and what is left of older ones have it.
+/// Reads what commits did from the newest state and the remains of older ones.
 /// Threads: one. Guarantee: kLapped where a writer overtook it.
-class Telling {
+class ChangeReader {
 public:
-    Telling(const Store& store, const StoreView& newest, const Notes& notes)
+    ChangeReader(const Store& store, const StoreView& newest, const Notes& notes)
         : store_(store), newest_(newest), notes_(notes) {}
 
-    [[nodiscard]] Outcome tell(CommitNumber commit, Changes& out) {
+    [[nodiscard]] Outcome read(CommitNumber commit, Changes& out) {
         out = Changes{};
         out.commit = commit;
         bool whole = true;
         std::vector<FrameId> made;
         notes_.for_each(commit, [&](std::uint64_t note, const std::string& removed) {
-            whole = whole && tell(commit, note, removed, made, out);
+            whole = whole && read_note(commit, note, removed, made, out);
         });
         return whole ? Outcome::kOk : Outcome::kLapped;
     }
 
 private:
-    bool tell(CommitNumber commit, std::uint64_t note, const std::string& removed,
-              std::vector<FrameId>& made, Changes& out) {
+    bool read_note(CommitNumber commit, std::uint64_t note, const std::string& removed,
+                   std::vector<FrameId>& made, Changes& out) {
         const FrameId id = FeedNote::id(note);
         const unsigned what = FeedNote::what(note);
         if ((what & FeedNote::kRemoved) != 0) {
@@ -120,11 +120,11 @@ private:
             return true;
         auto& edge = out.stored.emplace_back();
         edge.child = std::move(name);
-        return tell_stored(id, commit, FeedNote::count(note), edge);
+        return read_stored(id, commit, FeedNote::count(note), edge);
     }
 
     /// What state `commit` had, or what the newest one still has of it.
-    bool tell_stored(FrameId id, CommitNumber commit, std::uint64_t count, Changes::Edge& out) {
+    bool read_stored(FrameId id, CommitNumber commit, std::uint64_t count, Changes::Edge& out) {
         std::vector<FrameId> parents;
         if (!collect_of_state(id, commit, count, parents, out)) {
             collected_nothing(parents, out);
@@ -200,7 +200,7 @@ private:
 };
 
 [[noreturn]] void throw_lapped(const Store& store, CommitNumber since) {
-    // Commit `floor` and later ones are there: whoever knows the one before it can go on.
+    // Commit `floor` and later ones are kept: a caller that has the one before it can go on.
     const CommitNumber oldest = StoreFeed(store.frames).floor().load_acquire() - 1;
     // Read after the floor: the commit of the view may have left the feed by now.
     const CommitNumber newest = store.committed();
@@ -236,13 +236,13 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
     store::check_not_in_transaction(*store_);
     std::vector<Changes> all;
     store::Notes notes;
-    const auto tell = [&](const StoreView& view, CommitNumber first, CommitNumber last) {
+    const auto read = [&](const StoreView& view, CommitNumber first, CommitNumber last) {
         all.clear();
-        store::Telling telling(*store_, view, notes);
+        store::ChangeReader reader(*store_, view, notes);
         for (CommitNumber commit = first; commit <= last; ++commit) {
-            const Outcome told = telling.tell(commit, all.emplace_back());
-            if (told != Outcome::kOk)
-                return told;
+            const Outcome outcome = reader.read(commit, all.emplace_back());
+            if (outcome != Outcome::kOk)
+                return outcome;
         }
         return Outcome::kOk;
     };
@@ -260,9 +260,9 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
         for (const CommitNumber last : {since + wanted, newest}) {
             if (!kept || !notes.read(*store_, since + 1, last))
                 store::throw_lapped(*store_, since);
-            const Outcome told = tell(view, since + 1, since + wanted);
-            if (told == Outcome::kOk || last == newest)
-                return told;
+            const Outcome outcome = read(view, since + 1, since + wanted);
+            if (outcome == Outcome::kOk || last == newest)
+                return outcome;
         }
         return Outcome::kOk;
     };

@@ -210,7 +210,7 @@ TFDB_TEST(churn_of_parents_is_seen_whole_at_and_around_its_stamp) {
         {together, together});
 
     check_moves(buffer, carts);
-    // None of them may hang on its own load, whoever else is moved with it.
+    // None of them may become a descendant of its own load, whichever frames move with it.
     auto wrong = all_at("yard", 9000, 0.0);
     wrong[kCarts / 2].parent = loads[kCarts / 2];
     const auto error = THROWN(CycleError, buffer.set_transforms(wrong, false, ""));

@@ -1,6 +1,6 @@
 // Files of shared stores with words that were changed at random, before they are opened or while
-// they are read: whoever reads everything gets answers or typed errors, and ends. So does whoever
-// opens one for writing, also after a writer's death, when the damaged store is repaired.
+// they are read: a process that reads everything gets answers or typed errors, and ends. So does
+// one that opens it for writing, even after a writer's death, when the damaged store is repaired.
 //
 //   torture_store_damage [--seconds 20] [--seed 1]
 #include <fcntl.h>
@@ -49,7 +49,7 @@ constexpr rlim_t kMostCpuSeconds = kSanitized ? 50 : 10;
 // A sanitizer has its own, and ends the process where it says so.
 constexpr rlim_t kMostAddresses = kSanitized ? RLIM_INFINITY : rlim_t{8} << 30;
 
-/// What a child does. Whoever writes may find that another one died.
+/// What a child does. A writing child may find that another one died.
 enum class Role : std::uint8_t { kReads, kReadsOn, kWrites, kRepairs };
 constexpr std::array<const char*, 4> kRoles = {"reads", "reads on", "writes", "repairs"};
 
@@ -124,7 +124,7 @@ void read_all(const Reads& state) {
     }
 }
 
-/// All that changes a store, some of it for frames that nobody has seen yet.
+/// All that changes a store, some of it for frames that are new.
 void write_all(Buffer& buffer) {
     for (int round = 0; round < 3; ++round) {
         const StampNs later = 3'000'000 + round * 50'000;
@@ -202,7 +202,7 @@ public:
         changed_.emplace_back(at, value);
         __atomic_store_n(words_ + at, value, __ATOMIC_RELAXED);
     }
-    /// As it was, whoever wrote what.
+    /// As it was, whichever child wrote it.
     void mend() {
         std::memcpy(words_, was_.data(), 8 * count_);
         changed_.clear();

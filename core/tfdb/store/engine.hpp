@@ -17,8 +17,8 @@ class Batch;
 
 /// The engine of one store. Null in its place: the default one, which needs none.
 /// Threads: any; `keep_out` and `let_in` only the holder of the commit lock.
-/// Guarantee: that of the engine's session (txn/); what is asked and written here starves nobody
-/// and is starved by nobody: see txn::read_through.
+/// Guarantee: that of the engine's session (txn/); reads and writes here starve no other operation
+/// and are not starved: see txn::read_through.
 class Engine {
 public:
     Engine() = default;
@@ -38,7 +38,7 @@ public:
     /// From `keep_out` to `let_in` nothing is under way that reads or writes.
     virtual void keep_out() = 0;
     virtual void let_in() = 0;
-    /// Whether somebody is under way beside the holder of the commit lock.
+    /// Whether an operation is under way beside the holder of the commit lock.
     [[nodiscard]] virtual bool in_use() const = 0;
     virtual void add_to(Counters& counters) const = 0;
 };

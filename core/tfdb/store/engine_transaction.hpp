@@ -42,10 +42,10 @@ public:
     [[nodiscard]] virtual FrameInfo frame_info(std::string_view name) = 0;
     [[nodiscard]] virtual std::vector<FrameInfo> tree(std::optional<StampNs> stamp) = 0;
     [[nodiscard]] virtual Samples samples(std::string_view name) = 0;
-    /// The commit whose state is read.
+    /// The commit that is read.
     [[nodiscard]] virtual CommitNumber read_as_of() = 0;
     [[nodiscard]] virtual std::string frame_name(FrameId id, std::uint32_t generation) const = 0;
-    /// As store::did_you_mean, of the frames that it sees; `commit`: whose state is read.
+    /// As store::did_you_mean, of the frames that it sees in the state of `commit`.
     [[nodiscard]] virtual std::string did_you_mean(std::string_view name,
                                                    CommitNumber commit) const = 0;
 

@@ -96,7 +96,7 @@ TFDB_TEST(error_disconnected_names_an_edge_that_was_out_of_its_range) {
     const auto early = THROWN(Disconnected, buffer.lookup_transform("tip", "sea", 5 * kSecond));
     CHECK(early && early->detail().edge == "tool" && early->detail().parent == "arm");
     CHECK(early && early->detail().reason == "past" && early->detail().stamp == 5 * kSecond);
-    // Where all edges have data nothing is to blame, and of the newest samples there is no stamp.
+    // Where all edges have data no edge is named, and the newest samples have no common stamp.
     const auto apart = THROWN(Disconnected, buffer.lookup_transform("map", "tip", 30 * kSecond));
     CHECK(apart && apart->detail().edge.empty() && !apart->detail().oldest);
     const auto newest = THROWN(Disconnected, buffer.lookup_transform("map", "tip"));

@@ -49,7 +49,7 @@ TFDB_TEST(frames_name_made_again_is_a_new_frame) {
     build(buffer, kSecond);
     FrameHandle old;
     CHECK(buffer.find_frame("eye", old));
-    // eye hangs on base only before 2 s: base is then nobody's newest parent but arm's.
+    // eye is a child of base only before 2 s: base is then the newest parent of arm alone.
     set(buffer, "map", "eye", 2 * kSecond, pose_of(5));
     set(buffer, "map", "arm", 2 * kSecond, pose_of(6));
     CHECK_EQ(number_of(buffer.lookup_transform("base", "eye", kSecond).pose), 4.0);
@@ -91,7 +91,7 @@ TFDB_TEST(frames_clear_keeps_frames_and_static_edges) {
     build(buffer, kSecond);  // older than what was cleared
     CHECK_EQ(buffer.lookup_transform("map", "tip").stamp, kSecond);
     CHECK_EQ(buffer.clear(), 5U);
-    CHECK_EQ(buffer.remove_frame("base", false), 6U);  // nobody's parent any more
+    CHECK_EQ(buffer.remove_frame("base", false), 6U);  // it has no children left
 }
 
 TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
@@ -294,8 +294,8 @@ TFDB_TEST(frames_reach_tells_which_edge_has_no_data) {
     CHECK(buffer.reach("base", "lamp", 40).end == Reach::kGap);
     set(buffer, "lamp", "bulb", 40, pose_of(7));
     CHECK(buffer.reach("lamp", "bulb", 40).end == Reach::kMet);
-    CHECK(buffer.reach("map", "nobody", 20).end == Reach::kNowhere);
-    CHECK(buffer.reach("nobody", "nobody", {}).end == Reach::kNowhere);
+    CHECK(buffer.reach("map", "ghost", 20).end == Reach::kNowhere);
+    CHECK(buffer.reach("ghost", "ghost", {}).end == Reach::kNowhere);
     const Snapshot held = buffer.snapshot();
     buffer.clear();
     CHECK(is_gap(buffer.reach("map", "eye", 20), "base", -1, -1));

@@ -392,7 +392,7 @@ TFDB_TEST(frozen_store_that_is_damaged_ends_nobody) {
                 const Buffer frozen = Buffer::open_frozen(file);
                 (void)everything(frozen, {now, now + 2000});
             } catch (const SnapshotTooOld&) {
-                ::_exit(2);  // nobody writes to it
+                ::_exit(2);  // it has no writers
             } catch (const std::exception&) {
                 // It said so.
                 ::_exit(1);

@@ -121,17 +121,19 @@ Outcome for_each_frame(const StoreView& view, Visit visit) {
     return Outcome::kOk;
 }
 
-/// By id what lookup::parent_at says, of each frame once.
+/// By id the result of lookup::parent_at, of each frame once.
 Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& parents) {
-    std::vector<lookup::Hang> hangs(view.frame_count());
+    std::vector<lookup::NearestParent> nearest(view.frame_count());
     const Outcome outcome = for_each_frame(view, [&](FrameId id) {
-        return id < hangs.size() ? lookup::hang_at(view, id, stamp, hangs[id]) : Outcome::kOk;
+        return id < nearest.size() ? lookup::nearest_parent_at(view, id, stamp, nearest[id])
+                                   : Outcome::kOk;
     });
-    std::vector<FrameId> first(hangs.size(), kNoFrame);  // whose way up came by here first
+    std::vector<FrameId> first(nearest.size(),
+                               kNoFrame);  // the frame whose walk came by here first
     const auto above = [&](FrameId id) {
-        return hangs[id].parent < hangs.size() ? hangs[id].parent : kNoFrame;
+        return nearest[id].parent < nearest.size() ? nearest[id].parent : kNoFrame;
     };
-    for (FrameId id = 0; id < hangs.size(); ++id) {
+    for (FrameId id = 0; id < nearest.size(); ++id) {
         FrameId at = id;
         for (; at != kNoFrame && first[at] == kNoFrame; at = above(at))
             first[at] = id;
@@ -139,14 +141,14 @@ Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& 
             continue;
         for (FrameId next = above(at); next != kNoFrame;) {  // a circle: once around
             const FrameId after = above(next);
-            if (hangs[next].later)
-                hangs[next].parent = kNoFrame;
+            if (nearest[next].later)
+                nearest[next].parent = kNoFrame;
             next = next == at ? kNoFrame : after;
         }
     }
     parents.clear();
-    for (const lookup::Hang& hang : hangs)
-        parents.push_back(hang.parent);
+    for (const lookup::NearestParent& each : nearest)
+        parents.push_back(each.parent);
     return outcome;
 }
 
@@ -179,7 +181,7 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
     (void)store::read(*store_, held_, [&](const StoreView& view) {
         infos.clear();
         std::vector<FrameId> parents;
-        const Outcome hung = stamp ? all_parents(view, *stamp, parents) : Outcome::kOk;
+        const Outcome found = stamp ? all_parents(view, *stamp, parents) : Outcome::kOk;
         const Outcome all = for_each_frame(view, [&](FrameId id) {
             FrameInfo& info = infos.emplace_back();
             const Outcome filled = fill_info(*store_, view, id, info);
@@ -191,7 +193,7 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
                 parent == kNoFrame || read_name(*store_, view, parent, info.parent.emplace());
             return named ? Outcome::kOk : Outcome::kLapped;
         });
-        return store::unless_reused(*store_, view.commit(), hung == Outcome::kOk ? all : hung);
+        return store::unless_reused(*store_, view.commit(), found == Outcome::kOk ? all : found);
     });
     std::sort(infos.begin(), infos.end(),
               [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });

@@ -70,9 +70,8 @@ inline void put(Transaction& tx, std::string_view parent, std::string_view child
 }
 
 /// Actors who wait for each other where they can: one that is blocked by the other's locks is
-/// waited for only so long. What is right may not depend on it; in `snapshot`, where nobody is ever
-/// blocked, the order is certain.
-/// Threads: two. Guarantee: blocking.
+/// waited for only so long. What is right may not depend on it; in `snapshot`, where no actor is
+/// ever blocked, the order is certain. Threads: two. Guarantee: blocking.
 class Meeting {
 public:
     explicit Meeting(Concurrency engine)

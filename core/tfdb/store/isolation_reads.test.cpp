@@ -139,8 +139,8 @@ long torn_paths(const Case& c, bool upper_first) {
     return torn.load();
 }
 
-/// Two writers of an edge each, readers of the path between them: what any reader saw must be
-/// ordered, whoever saw it.
+/// Two writers of an edge each, readers of the path between them: what all readers together saw
+/// must be ordered.
 void long_fork(const Case& c) {
     Buffer buffer(options_of(c.engine, 2000));
     const TransformView both[] = {{"map", "right", 0, pose_of(1)}, {"map", "left", 0, pose_of(1)}};
@@ -172,7 +172,7 @@ void long_fork(const Case& c) {
         CHECK(all[i - 1].second <= all[i].second);
 }
 
-/// What was committed before a lookup began is seen by it, whoever committed it.
+/// A lookup sees each commit that was done before it began, of every writer.
 void stale_read(const Case& c) {
     Buffer buffer(options_of(c.engine, 2000));
     write_whole(buffer, 0);

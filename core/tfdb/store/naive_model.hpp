@@ -85,11 +85,11 @@ public:
     [[nodiscard]] FrameInfo info(std::size_t state, const std::string& name) const;
     [[nodiscard]] tfdb::Samples samples(std::size_t state, const std::string& name) const;
 
-    /// The oldest and the newest stamp that the newest tree's path covers; none if there is no
+    /// The oldest and the newest stamp that the newest tree's path covers; none without a
     /// path.
     [[nodiscard]] std::optional<std::pair<StampNs, StampNs>> common_times(
         std::size_t state, const std::string& target, const std::string& source) const;
-    /// Empty for a root; none if there is no such frame. `stamp` none: of the newest sample.
+    /// Empty for a root; none for an unknown frame. `stamp` none: of the newest sample.
     [[nodiscard]] std::optional<std::string> parent_of(std::size_t state, const std::string& name,
                                                        std::optional<StampNs> stamp) const;
 
@@ -333,7 +333,7 @@ inline std::vector<int> Model::chain(int frame, StampNs stamp, Policy policy, st
     std::vector<int> found;
     for (int at = frame; at != kNone; at = parent_at(at, stamp, policy, state, answering)) {
         const auto again = std::find(found.begin(), found.end(), at);
-        if (again != found.end()) {  // in a circle whoever hangs by a later sample is a root
+        if (again != found.end()) {  // in a cycle a frame with a later sample is a root
             const auto root = std::find_if(again, found.end(), [&](int f) {
                 const Choice c = choose(f, stamp, policy, state);
                 return !c.anchor->is_static && c.anchor->stamp > stamp;
@@ -602,7 +602,7 @@ inline int Model::held_parent(const Samples& samples, StampNs stamp, std::size_t
 }
 
 inline bool Model::has_cycle(std::size_t state) const {
-    // Between two stamps that can be seen nobody changes its parent.
+    // Between two visible stamps no frame changes its parent.
     std::set<StampNs> times{-1};
     for (std::size_t f = 0; f < frames_.size(); ++f) {
         if (!alive(static_cast<int>(f), state))

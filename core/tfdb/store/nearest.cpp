@@ -12,7 +12,7 @@ namespace {
 
 constexpr FrameId kMostFrames = 2000;
 constexpr std::size_t kMostShown = 3;
-/// A message cuts longer names, and then nobody could tell which was meant.
+/// A message cuts longer names, which makes them ambiguous.
 constexpr std::size_t kLongest = 64;
 
 char lower(char c) {

@@ -12,7 +12,7 @@ constexpr Concurrency kEngines[] = {
 
 constexpr StampNs kLast = 20;
 
-/// map <- base <- tool, with samples from 1 to kLast; every state has them, whoever looks.
+/// map <- base <- tool, with samples from 1 to kLast; every state has them.
 void build(Transaction& tx, double number) {
     const TransformView hand{"base", "tool", 0, pose_of(5)};
     for (const StampNs stamp : {StampNs{1}, kLast})

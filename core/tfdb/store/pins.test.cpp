@@ -96,7 +96,7 @@ TFDB_TEST(pins_of_the_newest_state_do_not_stop_a_compaction) {
         CHECK(buffer.compact());
         CHECK_EQ(held.back().frame_info("base").samples, static_cast<std::uint64_t>(stamp) + 1);
     }
-    // Beside one that nobody closes, none is taken for older than it is.
+    // Beside one that stays open, none is taken for older than it is.
     set(buffer, "map", "base", 10, pose_of(1));
     CHECK(!buffer.compact());
     CHECK_EQ(held.back().frame_info("base").newest, 9);

@@ -108,7 +108,7 @@ namespace store {
     return question;
 }
 
-/// What a Reads or a Transaction answers. Throws the typed error where there is no answer.
+/// What a Reads or a Transaction answers. Throws the typed error of a failed question.
 template <class Asked>
 [[nodiscard]] Answer answer_or_raise(Asked& asked, Question question) {
     Answer answer;
@@ -118,7 +118,7 @@ template <class Asked>
     return answer;
 }
 
-/// Whether a Reads or a Transaction has an answer. Throws SnapshotTooOld: that is no answer either.
+/// Whether a Reads or a Transaction has an answer. Throws SnapshotTooOld.
 template <class Asked>
 [[nodiscard]] bool can_answer(Asked& asked, Question question) {
     Answer answer;
@@ -140,9 +140,8 @@ struct CommonTimes {
 
 namespace store {
 
-/// The lookups by name of `Self`, which has `ask` and `raise`. They throw the typed error where
-/// there is no answer.
-/// Threads: those of `Self`. Guarantee: that of its `ask`.
+/// The lookups by name of `Self`, which has `ask` and `raise`. They throw the typed error of a
+/// failed question. Threads: those of `Self`. Guarantee: that of its `ask`.
 template <class Self>
 class LookupsByName {
 public:

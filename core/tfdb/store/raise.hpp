@@ -19,7 +19,7 @@ using NameOf = std::function<std::string(FrameId)>;
                                  const NameOf& name);
 /// The engine gave the transaction up, or what it reads was overwritten.
 [[noreturn]] void throw_lost(std::string_view reason, CommitNumber since);
-[[noreturn]] void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authority,
+[[noreturn]] void throw_cycle_of(const txn::CommitOutcome& outcome, std::string_view authority,
                                  const NameOf& name);
 
 /// Of a read that names one frame; `hint` ends the message.

@@ -68,11 +68,11 @@ void throw_lost(std::string_view reason, CommitNumber since) {
     throw Conflict(message, std::move(detail));
 }
 
-void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authority,
+void throw_cycle_of(const txn::CommitOutcome& outcome, std::string_view authority,
                     const NameOf& name) {
-    const std::string parent = name(settled.parent);
-    const std::string child = name(settled.child);
-    const StampNs stamp = settled.stamp < 0 ? 0 : settled.stamp;
+    const std::string parent = name(outcome.parent);
+    const std::string child = name(outcome.child);
+    const StampNs stamp = outcome.stamp < 0 ? 0 : outcome.stamp;
     const TransformView transform{parent, child, stamp, {}};
     Error fault = cycle_fault(transform, 0, authority);
     fault.detail().index.reset();

@@ -1,6 +1,6 @@
 // Lookups of a Buffer or a Snapshot, each from one state.
 #include "tfdb/memory/file.hpp"
-#include "tfdb/store/asking.hpp"
+#include "tfdb/store/question_resolver.hpp"
 #include "tfdb/store/store.hpp"
 
 namespace tfdb {
@@ -43,7 +43,7 @@ bool ask(const Store& store, CommitNumber held, Question& question, Answer& answ
         const auto find = [&](std::string_view name) {
             return store.names.find(name, view.commit());
         };
-        return Asking(view, find, question).answer(answer, failure);
+        return QuestionResolver(view, find, question).answer(answer, failure);
     });
     if (outcome == Outcome::kLapped) {
         failure = Failure{};

@@ -68,7 +68,7 @@ void check_points(const Real* points, std::size_t stride, std::size_t count,
     }
 }
 
-/// One row; NaN where there is no pose.
+/// One row; NaN without a pose.
 inline void write_row(const Pose* pose, Layout layout, double* row) {
     std::fill_n(row, row_width(layout), std::numeric_limits<double>::quiet_NaN());
     if (pose == nullptr)

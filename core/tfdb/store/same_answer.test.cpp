@@ -373,7 +373,7 @@ private:
         const std::size_t child = any_moving();
         const TransformView sample{kNames[child == 0 ? 1 : 0], kNames[child],
                                    edges_[child].newest + 1, pose_after(edges_[child].pose)};
-        transaction.set_transforms({&sample, 1}, false, "nobody");
+        transaction.set_transforms({&sample, 1}, false, "tester");
         transaction.abort();
     }
 

@@ -924,7 +924,7 @@ bool torture(const Options& options) {
 }
 
 void no_progress(int) {
-    static constexpr char kText[] = "FAILED: nobody was killed for a minute: somebody hangs\n";
+    static constexpr char kText[] = "FAILED: no process was killed for a minute: one hangs\n";
     (void)!::write(STDERR_FILENO, kText, sizeof kText - 1);
     ::_exit(1);
 }

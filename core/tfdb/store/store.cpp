@@ -24,7 +24,7 @@ graph::Frames<StoreMemory> Store::forest_in(StoreMemory& memory, const BufferOpt
         word(graph::kHistory)
             .store_relaxed(history::as_word(options.history_ns.value_or(history::kForever)));
         word(graph::kSnapshotMemory).store_relaxed(options.snapshot_memory);
-        // Whoever writes beside others would have to note it beside them.
+        // Engines with parallel writers keep no feed.
         if (options.concurrency == Concurrency::kSnapshot ||
             options.concurrency == Concurrency::kGiant)
             StoreFeed::put_into({memory, root, block + StoreFeed::kBytes, options.max_frames},
@@ -65,7 +65,9 @@ Store::Store(memory::SharedFile file)
 
 Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options)
     : shared(std::move(file)),
-      bell(shared == nullptr || shared->control == nullptr ? own_bell : shared->control->bell()),
+      commit_event(shared == nullptr || shared->control == nullptr
+                       ? own_commit_event
+                       : shared->control->commit_event()),
       memory(shared == nullptr ? memory::Mapping::reserve() : std::move(shared->data),
              options.memory_limit.value_or(StoreMemory::kNoLimit)),
       frames(forest_in(memory, options)),
@@ -75,7 +77,8 @@ Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& opti
       names(frames),
       held_pins(frames, graph::kHeldPins),
       read_pins(frames, graph::kReadPins),
-      lock(shared == nullptr ? word(graph::kCommitLock) : process_lock, bell, shared.get(), *this),
+      lock(shared == nullptr ? word(graph::kCommitLock) : process_lock, commit_event, shared.get(),
+           *this),
       engine(make_engine(*this)) {
     sync::watch_forks();
     home_process.store_relaxed(sync::forks() << kForksShift);
@@ -120,7 +123,7 @@ Waits& Store::waits() const {
     // A child leaves those of its parent as they are: their threads are not here.
     if (found != nullptr && found->forks() == sync::forks())
         return *found;
-    auto made = std::make_unique<Waits>(*this, bell);
+    auto made = std::make_unique<Waits>(*this, commit_event);
     return waits_here.compare_exchange(found, made.get()) ? *made.release() : *found;
 }
 
@@ -130,7 +133,7 @@ std::uint64_t Store::look_around(std::uint64_t home) const {
         judged |= kOrphan;
     if (authorities.in_use())
         judged |= kNamesLost;
-    // Who comes second takes what the first one has seen.
+    // The second thread takes the first one's result.
     return home_process.compare_exchange(home, judged) ? judged : home;
 }
 

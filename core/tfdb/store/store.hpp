@@ -70,13 +70,13 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     /// Gives back blocks that deaths left unused. Older states that are held are given up, and
     /// reads that began before this epoch begin again: it began behind all that is out of use.
     void sweep(std::uint64_t epoch);
-    /// Gives memory that nothing needs back to the system; the commit lock is held, and nobody
-    /// writes beside it. False, and nothing was given back: an older state is held, or somebody
-    /// reads who was overtaken again and again.
+    /// Returns unused memory to the system; the caller holds the commit lock and is the only
+    /// writer. False, and nothing was returned: an older state is held, or a read that was
+    /// overtaken again and again is under way.
     bool compact();
     /// Whether what no new read needs is more than may be kept.
     [[nodiscard]] bool keeps_too_much() const;
-    /// Starts a commit; the commit lock is held, and nobody writes beside it.
+    /// Starts a commit. The caller holds the commit lock; no other writer is active.
     [[nodiscard]] StoreCommit start_commit();
     /// `author`: what `authorities.id` said since the commit was started.
     void set_author(FrameId id, std::uint64_t author) {
@@ -84,13 +84,13 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
         if (word.load_relaxed() != author)
             word.store_relaxed(author);
     }
-    /// Whether names of authorities are to be dropped, which only who is alone can do.
+    /// Whether names of authorities are to be dropped, which needs exclusive use.
     [[nodiscard]] bool crowded() const { return authorities.crowded(); }
     [[nodiscard]] std::uint64_t author_number(std::string_view name) {
         return authorities.id(name);
     }
     [[nodiscard]] history::Readers& readers() { return *this; }
-    /// Who wrote to the frame last.
+    /// The last writer of the frame.
     [[nodiscard]] std::string author(FrameId id) const;
     /// Drops the names of authorities that no frame has; as `start_commit`.
     void forget_authorities();
@@ -107,15 +107,15 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
         FrameId parent;
         std::size_t index;
     };
-    /// To look at all frames for names of authorities must not be dear for each name.
+    /// Bounds the cost of the scan over frames per authority name.
     static constexpr std::size_t kFramesPerSpareName = 8;
 
     static constexpr std::uint64_t kOrphan = 1;
-    static constexpr std::uint64_t kNamesLost = 2;  // somebody was at the names of authorities
+    static constexpr std::uint64_t kNamesLost = 2;  // a thread was using the names of authorities
     static constexpr unsigned kForksShift = 2;
 
-    /// In which process the locks are of use. What was in use when the process was forked is seen
-    /// by the first thread that asks: nobody has taken a lock here before.
+    /// Flags of this process's copy after a fork. The first thread that asks sets them: no thread
+    /// has taken a lock here before.
     [[nodiscard]] std::uint64_t whereabouts() const {
         const std::uint64_t home = home_process.load_acquire();
         return home >> kForksShift == sync::forks() ? home : look_around(home);
@@ -135,8 +135,8 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     std::unique_ptr<memory::SharedFile> shared;  // null: of this process alone
     // Where this process cannot tell writers what it reads.
     std::unique_ptr<std::array<sync::Word, 2 * graph::kPinWords>> unseen_pins;
-    mutable sync::Word own_bell{};  // of a store of this process alone
-    sync::Word& bell;               // rung behind each commit
+    mutable sync::Word own_commit_event{};  // of a store of this process alone
+    sync::Word& commit_event;               // notified behind each commit
     StoreMemory memory;
     graph::Frames<StoreMemory> frames;
     StampNs history;
@@ -162,8 +162,8 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     std::unique_ptr<Engine> engine;  // null: the default engine
 };
 
-/// The store to oneself: the commit lock is held and, in engines that let others go beside it,
-/// nobody is under way.
+/// Exclusive use of the store: the commit lock is held and, in engines with parallel operations,
+/// none is under way.
 /// Threads: one. Guarantee: blocks until all that came before are done; the wait for the lock may
 /// end as that lock says, what is done with it may not.
 class Alone {
@@ -185,8 +185,8 @@ private:
     const NotInterrupted not_interrupted_;
 };
 
-/// For what a thread may not do to a store of which it has a transaction open: it would wait for
-/// itself, or see its own half-done work. Throws TransactionActive, Forked.
+/// Throws TransactionActive if this thread has a transaction open: it would deadlock with itself,
+/// or see its own uncommitted writes. Throws Forked.
 inline void check_not_in_transaction(const Store& store) {
     store.check_not_orphaned();
     if (TransactionLife::any(store, false))

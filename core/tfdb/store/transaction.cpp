@@ -1,5 +1,4 @@
-// What a transaction can be asked. Who may ask when is TransactionLife's, the answers are the
-// engine's.
+// The calls of a transaction. TransactionLife checks thread and stage, the engine answers.
 #include "tfdb/store/transaction.hpp"
 
 #include "tfdb/store/engine_transaction.hpp"

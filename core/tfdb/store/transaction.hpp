@@ -24,9 +24,9 @@ struct TransactionOptions {
     /// 0 to kMaxPriority. Above 0 it commits before ordinary writers; in wait-die and wound-wait
     /// the higher is senior.
     unsigned priority = 0;
-    /// From the beginning to the end no other commit: it cannot lose, and writers wait for it.
+    /// From the beginning to the end no other commit: it has no conflicts, and writers wait for it.
     bool alone = false;
-    /// `age()` of the attempt that lost, so that a restart keeps its seniority. 0: a new one.
+    /// `age()` of the aborted attempt, so that a restart keeps its seniority. 0: a new one.
     std::uint64_t age = 0;
 };
 
@@ -34,7 +34,7 @@ struct TransactionOptions {
 /// the transaction itself has written; writes become visible all at once at `commit`.
 /// Threads: only the one that began it (WrongThread), whose end aborts it; in that thread the
 /// Buffer may not be written meanwhile, nor another transaction begun (TransactionActive).
-/// Guarantee: strictly serializable, in every engine but `fine`. Conflict: somebody else came
+/// Guarantee: strictly serializable, in every engine but `fine`. Conflict: another commit came
 /// first, nothing was stored and the transaction has ended; run it again.
 class Transaction : public store::LookupsByName<Transaction> {
 public:
@@ -114,7 +114,7 @@ public:
     [[nodiscard]] bool is_open() const noexcept { return stage() == Stage::kOpen; }
     /// What `commit` returned.
     [[nodiscard]] CommitNumber committed() const noexcept;
-    /// What it was lost with.
+    /// The conflict that aborted it.
     [[nodiscard]] const std::optional<Conflict>& lost_to() const noexcept;
     [[nodiscard]] std::uint64_t age() const noexcept;
     /// Throws what every use would throw: Forked, WrongThread, TransactionClosed.

@@ -26,7 +26,7 @@ TFDB_TEST(transaction_reads_its_own_writes_and_commits_them_at_once) {
     const EdgeUse& own = both.edges.front();
     CHECK_EQ(tx.frame_name(own.child, own.generation), "tip");
     CHECK_EQ(tx.frame_name(own.parent, own.parent_generation), "base");
-    // Nobody else sees any of it.
+    // No other reader sees any of it.
     CHECK(!has_frame(buffer, "tip"));
     CHECK_EQ(latest(buffer, "map", "base"), 1.0);
     const CommitNumber before = buffer.commit();
@@ -126,7 +126,7 @@ TFDB_TEST(transaction_conflicts_with_frames_that_change_an_answer) {
         buffer,
         [](Transaction& tx) { CHECK(THROWN(UnknownFrame, tx.lookup_transform("x", "map", 10))); },
         [&] { set(buffer, "world", "map", 10, pose_of(2)); });
-    CHECK(!root);  // there still is no x
+    CHECK(!root);  // x is still missing
     const auto apart = race(
         buffer, [](Transaction& tx) { CHECK(!tx.has_frame("x")); },
         [&] { set_static(buffer, "y", "x", pose_of(2)); });

@@ -7,11 +7,11 @@
 #include <utility>
 #include <vector>
 
-#include "tfdb/store/asking.hpp"
 #include "tfdb/store/collect.hpp"
 #include "tfdb/store/engine_transaction.hpp"
 #include "tfdb/store/nearest.hpp"
 #include "tfdb/store/path_stamps.hpp"
+#include "tfdb/store/question_resolver.hpp"
 #include "tfdb/store/raise.hpp"
 #include "tfdb/store/validate.hpp"
 #include "tfdb/store/velocity.hpp"
@@ -37,7 +37,7 @@ public:
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) override {
         const Outcome outcome = needed(this->steadily([&](const View& view) {
             const auto find = [&](std::string_view name) { return view.find(name); };
-            const Outcome found = Asking(view, find, question).answer(answer, failure);
+            const Outcome found = QuestionResolver(view, find, question).answer(answer, failure);
             return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
         }));
         answer.commit = failure.commit = read_as_of();

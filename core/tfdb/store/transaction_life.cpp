@@ -10,7 +10,7 @@ namespace tfdb::store {
 namespace {
 
 /// Rolls back what is left when its thread ends.
-/// Threads: its own. Guarantee: waits for nobody but who ends a transaction meanwhile.
+/// Threads: its own. Guarantee: waits only for a thread that ends a transaction meanwhile.
 struct ThreadEnd {
     ~ThreadEnd() { TransactionLife::end_thread(); }
 };
@@ -19,8 +19,8 @@ constexpr std::uint64_t word_of(Transaction::Stage stage) {
     return static_cast<std::uint64_t>(stage);
 }
 
-/// Beside the stage of an open one: it waits to be committed. Whoever interrupts the wait, in its
-/// own thread, may end it by an exception and by nothing else.
+/// Beside the stage of an open one: it waits to be committed. An interruption of the wait, in its
+/// own thread, may end it by an exception alone.
 constexpr std::uint64_t kCommitting = 1 << 9;
 constexpr std::uint64_t kBeingCommitted = word_of(Transaction::Stage::kOpen) | kCommitting;
 
@@ -47,8 +47,8 @@ TransactionLife::TransactionLife(std::shared_ptr<Store> store, const Transaction
 TransactionLife::~TransactionLife() = default;
 
 void TransactionLife::begin() {
-    std::uint64_t nobody = 0;
-    if (!thread_.compare_exchange(nobody, this_thread())) {
+    std::uint64_t none = 0;
+    if (!thread_.compare_exchange(none, this_thread())) {
         check_thread();
         if (stage() == Stage::kOpen)
             throw TransactionActive("the transaction is open already; a transaction begins once");
@@ -160,7 +160,7 @@ CommitNumber TransactionLife::commit() {
 void TransactionLife::end(Stage how) noexcept {
     std::uint64_t found = word_of(Stage::kOpen);
     if (forks_ != sync::forks()) {
-        // Who had it in hand may not be here: what it holds in this copy stays as it is.
+        // Its thread may be missing here: what it holds in this copy stays as it is.
         if (state_.load_relaxed() != found && state_.load_relaxed() < kEnding)
             return;
         (void)store_->whereabouts();

@@ -1,4 +1,4 @@
-// The life of a transaction: who may use it and when, and that it ends with its thread.
+// The life of a transaction: the thread and stage of its use, and its end with its thread.
 #pragma once
 
 #include <memory>
@@ -16,8 +16,8 @@ class EngineTransaction;
 /// A transaction from its making to its end, and, while it is open, an entry in its thread's list.
 /// Threads: `begin` any, the first one has it from then on; `call` only that one, others get
 /// WrongThread; `stage` and `release` any.
-/// Guarantee: ends once; what is open when its thread ends is rolled back. Who ends it second waits
-/// for who does it first.
+/// Guarantee: ends once; what is open when its thread ends is rolled back. A second end waits
+/// for the first.
 class TransactionLife {
 public:
     using Stage = Transaction::Stage;
@@ -38,8 +38,9 @@ public:
     /// Ends it, and frees it once its thread's list does not have it any more.
     void release() noexcept;
 
-    /// What `body(transaction)` returns. A Conflict ends it; so does what is no Error: memory may
-    /// have run out amid a write, and half of one must never be committed.
+    /// What `body(transaction)` returns. A Conflict ends it, and so does every exception that
+    /// is not an Error: memory may have run out in a write, and half of one must never be
+    /// committed.
     template <class Body>
     auto call(Body body) {
         check();
@@ -58,7 +59,7 @@ public:
     }
     CommitNumber commit();
 
-    /// An open one that somebody is about to end counts as ended.
+    /// An open one that is about to end counts as ended.
     [[nodiscard]] Stage stage() const noexcept;
     [[nodiscard]] CommitNumber committed() const noexcept { return committed_; }
     [[nodiscard]] const std::optional<Conflict>& lost_to() const noexcept { return lost_to_; }
@@ -81,7 +82,7 @@ private:
     [[nodiscard]] static std::uint64_t this_thread() noexcept;
     [[nodiscard]] static bool find(const Store& store, bool alone) noexcept;
 
-    // Above the stages: somebody rolls it back.
+    // Above the stages: it is being rolled back.
     static constexpr std::uint64_t kEnding = 1 << 8;
 
     static inline constinit thread_local TransactionLife* head = nullptr;
@@ -92,11 +93,11 @@ private:
     std::unique_ptr<EngineTransaction> transaction_;
     std::optional<Conflict> lost_to_;
     CommitNumber committed_ = 0;
-    std::uint64_t forks_ = sync::forks();  // in a child of its process it is nobody's
+    std::uint64_t forks_ = sync::forks();  // in a forked child it has no owner
     TransactionLife* next_ = nullptr;      // in its thread's list
-    sync::Word thread_{};                  // that it belongs to; 0: nobody has begun it
+    sync::Word thread_{};                  // its owner; 0: not begun
     sync::Word state_{};                   // a Stage
-    sync::Word holders_{};                 // who made it, and the list
+    sync::Word holders_{};                 // its maker, and the list
 };
 
 [[noreturn]] void throw_transaction_active(const char* what);

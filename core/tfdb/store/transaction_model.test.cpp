@@ -329,7 +329,7 @@ private:
             Transaction tx(shadow_);
             for (std::size_t i = 0; i < steps.size() && !over_; ++i) {
                 const std::string expected = run(tx, steps[i]);
-                // Walks along a cycle that nobody has judged yet end somewhere.
+                // Walks along a cycle that was not judged yet end somewhere.
                 if (!cycle)
                     compare(steps[i], said[i], expected, "by a transaction");
             }

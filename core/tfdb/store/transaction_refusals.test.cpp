@@ -80,7 +80,7 @@ TFDB_TEST(transaction_removals_name_what_is_in_the_way) {
     Buffer buffer(keeping(std::nullopt));
     robot(buffer);
     Transaction tx(buffer);
-    CHECK(THROWN(UnknownFrame, tx.remove_frame("nobody", true)));
+    CHECK(THROWN(UnknownFrame, tx.remove_frame("ghost", true)));
     put_static(tx, "base", "lamp", 1);
     const auto used = THROWN(FrameInUse, tx.remove_frame("base", false));
     CHECK(used && used->detail().frames == std::vector<std::string>({"tip", "lamp"}));
@@ -130,7 +130,7 @@ TFDB_TEST(transaction_belongs_to_its_thread) {
     });
     CHECK(tx->is_open());
     CHECK_EQ(latest(*tx, "map", "base"), 2.0);
-    // Whoever is last may throw it away; its thread can then begin another one.
+    // Any thread may destroy it; its own thread can then begin another one.
     elsewhere([&] { tx.reset(); });
     Transaction next(buffer);
     CHECK_EQ(latest(next, "map", "base"), 3.0);

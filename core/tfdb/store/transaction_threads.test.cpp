@@ -129,7 +129,7 @@ TFDB_TEST(transaction_threads_make_and_remove_frames) {
         set_static(buffer, "map", "left", at(1));
         set_static(buffer, "map", "right", at(2));
         std::atomic<int> made{0};
-        // The tool hangs on one of two arms, or does not exist; nobody ever sees anything else.
+        // Every reader sees the tool as a child of one of two arms, or does not see it.
         in_threads(3, [&](int thread) {
             for (int i = 0; i < kEach; ++i) {
                 int change = 0;
@@ -166,7 +166,7 @@ TFDB_TEST(transaction_threads_alone_never_loses) {
     std::vector<std::thread> writers;
     for (int w = 0; w < 2; ++w) {
         writers.emplace_back([&, w] {
-            // Each edge has one writer: nobody else makes its stamps too old.
+            // Each edge has one writer: its stamps become too old by its own writes alone.
             for (StampNs stamp = 1; !stop; ++stamp) {
                 const auto edge = 2 * (7 * stamp % (kEdges / 2)) + w;
                 set(buffer, "map", "edge" + std::to_string(edge), stamp, at(1));

@@ -8,7 +8,7 @@ namespace tfdb {
 enum class WaitEnd : std::uint8_t {
     kCame,      // what was waited for
     kTimedOut,  // it has not
-    kClosed,    // nobody will wait here any more
+    kClosed,    // no further waits are taken
     kRemoved,   // the store's name was removed meanwhile
     kStopped,   // nothing will be waited for here any more: as kTimedOut, but at once
 };

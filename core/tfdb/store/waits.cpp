@@ -13,7 +13,7 @@ namespace tfdb::store {
 using history::Topology;
 using txn::FeedNote;
 
-/// That a wait looks at a frame, in the list of those who do.
+/// A wait's dependence on a frame, in the frame's list.
 struct Waits::Look {
     FrameId frame;
     Wait* wait;
@@ -43,7 +43,7 @@ struct Waits::Wait {
     std::array<std::string, 3> names{};
     std::vector<Look> looks{};  // each frame once
     std::uint64_t touched = 0;  // the round that found it touched last
-    Lookout::Waiter waiter{};
+    WaitGroup::Waiter waiter{};
     std::uint64_t number = 0;  // of one that was begun
     WaitEnd how = WaitEnd::kTimedOut;
 };
@@ -59,8 +59,8 @@ std::int64_t Patience::left() const {
     return until_ == kForEver ? kForEver : until_ - sync::steady_now();
 }
 
-Waits::Waits(const Store& store, sync::Word& bell)
-    : store_(store), forks_(sync::forks()), lookout_(bell) {}
+Waits::Waits(const Store& store, sync::Word& commit_event)
+    : store_(store), forks_(sync::forks()), group_(commit_event) {}
 
 Waits::~Waits() = default;
 
@@ -75,11 +75,11 @@ WaitEnd Waits::wait(CommitNumber after, Patience patience) {
 }
 
 WaitEnd Waits::wait(Wait& wait, Patience patience) {
-    const Lookout::Locked locked(lookout_);
+    const WaitGroup::Locked locked(group_);
     if (!add(wait))
         return wait.how;
     try {
-        lookout_.wait(
+        group_.wait(
             wait.waiter, [this] { look(); }, patience);
     } catch (...) {
         remove(wait);
@@ -100,8 +100,8 @@ std::uint64_t Waits::begin(CommitNumber after) {
 }
 
 std::uint64_t Waits::begin(std::unique_ptr<Wait> wait) {
-    const Lookout::Locked locked(lookout_);
-    // Room for all their ends: those who look out cannot be stopped by a lack of memory.
+    const WaitGroup::Locked locked(group_);
+    // Room for all ends, so that ending a wait needs no memory.
     if (const std::size_t ends = ended_.size() + begun_.size() + 1; ends > ended_.capacity())
         ended_.reserve(2 * ends);
     Wait& begun = *wait;
@@ -124,7 +124,7 @@ std::uint64_t Waits::begin(std::unique_ptr<Wait> wait) {
 }
 
 bool Waits::cancel(std::uint64_t number) {
-    const Lookout::Locked locked(lookout_);
+    const WaitGroup::Locked locked(group_);
     const auto found = begun_.find(number);
     if (found == begun_.end())
         return false;
@@ -137,10 +137,10 @@ void Waits::stay_until_ended(Patience patience) {
     look();
     if (!ended_.empty() || closed_ || patience.left() <= 0)
         return;
-    Lookout::Waiter me;
+    WaitGroup::Waiter me;
     teller_ = &me;
     try {
-        lookout_.wait(
+        group_.wait(
             me, [this] { look(); }, patience);
     } catch (...) {
         teller_ = nullptr;
@@ -150,12 +150,12 @@ void Waits::stay_until_ended(Patience patience) {
 }
 
 void Waits::await_ended(Patience patience) {
-    const Lookout::Locked locked(lookout_);
+    const WaitGroup::Locked locked(group_);
     stay_until_ended(patience);
 }
 
 std::vector<EndedWait> Waits::ended(Patience patience) {
-    const Lookout::Locked locked(lookout_);
+    const WaitGroup::Locked locked(group_);
     stay_until_ended(patience);
     std::vector<EndedWait> taken = ended_;
     ended_.clear();
@@ -165,18 +165,18 @@ std::vector<EndedWait> Waits::ended(Patience patience) {
 }
 
 void Waits::close(WaitEnd how) {
-    const Lookout::Locked locked(lookout_);
+    const WaitGroup::Locked locked(group_);
     look();  // what has come has come
     if (closed_ != WaitEnd::kClosed)
         closed_ = how;
     end_all(how);
     if (teller_ != nullptr)
-        lookout_.end(*teller_);
-    lookout_.tell();
+        group_.end(*teller_);
+    group_.tell();
 }
 
 void Waits::reopen() {
-    const Lookout::Locked locked(lookout_);
+    const WaitGroup::Locked locked(group_);
     if (closed_ == WaitEnd::kStopped)
         closed_.reset();
 }
@@ -228,7 +228,7 @@ void Waits::look_at(Wait& wait, const std::vector<FrameId>& frames) {
     unlink(looks);
 }
 
-/// Of these frames, those that nobody looks at.
+/// Of these frames, those that no wait depends on.
 void Waits::forget(const std::vector<FrameId>& frames) noexcept {
     for (const FrameId frame : frames) {
         const auto found = looks_.find(frame);
@@ -251,13 +251,13 @@ void Waits::end(Wait& wait, WaitEnd how) noexcept {
     remove(wait);
     wait.how = how;
     if (wait.number == 0) {
-        lookout_.end(wait.waiter);
+        group_.end(wait.waiter);
         return;
     }
     ended_.push_back({wait.number, how});
     begun_.erase(wait.number);
     if (teller_ != nullptr)
-        lookout_.end(*teller_);
+        group_.end(*teller_);
 }
 
 void Waits::end_all(WaitEnd how) noexcept {
@@ -323,7 +323,7 @@ void Waits::look() {
                 look_at(*wait, frames_of(*wait));
         }
     }
-    // Last: where something is thrown, who looks next begins anew.
+    // Last: after an exception the next look begins anew.
     seen_ = newest;
 }
 
@@ -389,7 +389,7 @@ void check_can_wait(const store::Store& store) {
     store::check_not_in_transaction(store);
 }
 
-/// Throws where nobody can wait.
+/// Throws where waits are not supported.
 store::Waits& waits_of(const store::Store& store) {
     check_can_wait(store);
     if (store.shared != nullptr && store.shared->control == nullptr) {
@@ -408,7 +408,7 @@ store::Waits& waits_of(const store::Store& store) {
     return store.waits();
 }
 
-/// Whether a commit after that one is there, also where nobody is told of those to come.
+/// Whether a commit after that one is there, even if waits are not supported.
 bool is_there(const store::Store& store, CommitNumber after) {
     check_can_wait(store);
     return store.committed() > after;

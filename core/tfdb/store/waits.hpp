@@ -1,4 +1,4 @@
-// Those who wait for answers and commits: woken by the commit that touched what they look at.
+// Waits for answers and commits: woken by the commit that touched a frame they depend on.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 #include "tfdb/base/interruption.hpp"
 #include "tfdb/store/question.hpp"
 #include "tfdb/store/wait_end.hpp"
-#include "tfdb/sync/lookout.hpp"
+#include "tfdb/sync/wait_group.hpp"
 
 namespace tfdb::store {
 
@@ -32,20 +32,19 @@ private:
     std::int64_t until_ = std::numeric_limits<std::int64_t>::max();
 };
 
-/// The waits of one process on one store. Whoever keeps the lookout reads the feed of changes, and
-/// asks again for those waits of which a commit touched a frame on the path, or made a frame that
-/// was missing.
+/// The waits of one process on one store. The leading thread reads the change feed and
+/// repeats the question of each wait whose path a commit touched, or whose missing frame it made.
 /// Threads: any. Guarantee: `wait` and `ended` block, the others only against each other. Each
 /// wait ends once, as `WaitEnd` says.
 class Waits {
 public:
-    /// `bell`: rung behind each commit.
-    Waits(const Store& store, sync::Word& bell);
+    /// `commit_event`: notified behind each commit.
+    Waits(const Store& store, sync::Word& commit_event);
     ~Waits();
     Waits(const Waits&) = delete;
     Waits& operator=(const Waits&) = delete;
 
-    /// In whose process the waiting threads are: see `sync::forks`.
+    /// The process of the waiting threads: see `sync::forks`.
     [[nodiscard]] std::uint64_t forks() const { return forks_; }
 
     /// Waits until the question has an answer.
@@ -53,11 +52,11 @@ public:
     /// Waits for a commit after this one.
     [[nodiscard]] WaitEnd wait(CommitNumber after, Patience patience);
 
-    /// The same for those who cannot block: `ended` tells that it has come. Returns the wait's
-    /// number; 0: there is nothing to wait for.
+    /// Non-blocking form; `ended` reports completion. Returns the wait's number; 0: the answer is
+    /// there.
     [[nodiscard]] std::uint64_t begin(const Question& question);
     [[nodiscard]] std::uint64_t begin(CommitNumber after);
-    /// It is told of no more. False: it has been already.
+    /// Cancels the wait. False: it had already ended.
     bool cancel(std::uint64_t number);
     /// Waits for some of those to end, and takes them, as they were begun. None: they were all
     /// cancelled, or the patience was at an end. Without patience the call does not block.
@@ -74,7 +73,7 @@ public:
 private:
     struct Wait;
     struct Look;
-    using Lookout = sync::Lookout;
+    using WaitGroup = sync::WaitGroup;
     // What a wait looks at beside frames. No frame has these numbers.
     static constexpr FrameId kBirths = kNoFrame;       // frames that are not there yet
     static constexpr FrameId kCommits = kNoFrame + 1;  // every commit
@@ -99,17 +98,17 @@ private:
 
     const Store& store_;
     std::uint64_t forks_;
-    Lookout lookout_;
-    // All of these: the lookout is locked.
-    std::unordered_map<FrameId, Look*> looks_;  // who looks at a frame: the first; none is empty
+    WaitGroup group_;
+    // All of these: the group is locked.
+    std::unordered_map<FrameId, Look*> looks_;  // the first wait of each frame; none is empty
     CommitNumber seen_ = 0;                     // what was changed until then has been looked at
     std::uint64_t seen_removals_ = 0;
     std::optional<WaitEnd> closed_{};  // how every wait ends from now on
     std::uint64_t last_number_ = 0;
     std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;
     std::vector<EndedWait> ended_;
-    Lookout::Waiter* teller_ = nullptr;  // who waits for ends, if anybody
-    std::vector<std::uint64_t> words_;   // of the feed
+    WaitGroup::Waiter* teller_ = nullptr;  // the thread that waits for ends, or null
+    std::vector<std::uint64_t> words_;     // of the feed
     std::vector<std::size_t> ends_;
     std::vector<FrameId> noted_;
     std::vector<Wait*> touched_;

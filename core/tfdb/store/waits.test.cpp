@@ -22,7 +22,7 @@ constexpr std::int64_t kLong = 60 * kSecond;
 bool skipped() {
     return skipped_in({Concurrency::kGiant, Concurrency::kFine, Concurrency::kNoWait,
                        Concurrency::kWaitDie, Concurrency::kWoundWait, Concurrency::kSilo},
-                      "nobody waits there");
+                      "waits are not supported there");
 }
 
 void put(Buffer& buffer, std::string_view parent, std::string_view child, StampNs stamp,
@@ -125,7 +125,7 @@ TFDB_TEST(a_wait_for_a_commit_ends_with_the_next_one) {
     CHECK(!buffer.wait_for_commit(2, 0));
 }
 
-TFDB_TEST(a_wait_whose_time_is_over_hands_the_lookout_on) {
+TFDB_TEST(a_wait_whose_time_is_over_hands_the_lead_on) {
     if (skipped())
         return;
     Buffer buffer(keeping(std::nullopt));
@@ -411,7 +411,7 @@ TFDB_TEST(no_wait_is_forgotten_beside_a_writer) {
                                                  : std::optional<std::int64_t>(i % 200 * 1000);
                     came += buffer.wait_for(question, most) ? 1 : 0;
                 } catch (const BufferClosed&) {
-                    // Whoever closed it has looked before.
+                    // The closing thread has looked before.
                     left += has(buffer, question) ? 1 : 0;
                     return;
                 }
@@ -430,7 +430,7 @@ TFDB_TEST(no_wait_is_forgotten_beside_a_writer) {
     CHECK(came.load() > 0);
 }
 
-/// Begun and given up, blocked and closed, by many threads; the store ends while nobody waits.
+/// Begun and given up, blocked and closed, by many threads; the store ends without open waits.
 TFDB_TEST(thousands_of_waits_begin_and_end) {
     if (skipped())
         return;

@@ -63,7 +63,7 @@ bool WriterLock::try_lock_shared(std::int64_t longest_ns) {
         own_.unlock();
         throw;
     }
-    // Who finds it free need not look at the clock: that would take longer than the lock.
+    // A free lock is taken without a look at the clock, which would take longer.
     Control::Taken taken = shared_->control->try_lock();
     if (taken == Control::Taken::kNo && longest_ns > 0)
         taken = shared_->control->lock(longest_ns);

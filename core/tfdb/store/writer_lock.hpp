@@ -1,4 +1,4 @@
-// The lock of those who write: among the threads of a process, and among processes that share.
+// The writers' lock: among the threads of a process, and among processes that share.
 #pragma once
 
 #include <cstdint>
@@ -6,19 +6,19 @@
 
 #include "tfdb/memory/control.hpp"
 #include "tfdb/memory/shared_file.hpp"
-#include "tfdb/sync/bell.hpp"
 #include "tfdb/sync/commit_lock.hpp"
+#include "tfdb/sync/event_count.hpp"
 
 namespace tfdb::store {
 
 /// A process's threads take turns by a lock of their own; the one whose turn it is then takes that
-/// of the store's processes. Who gets it after its holder died repairs the store first.
+/// of the store's processes. The next holder after a death repairs the store first.
 /// Threads: any may lock; only the holder may unlock.
 /// Guarantee: blocks. Urgent requests go first within a process.
 class WriterLock {
 public:
-    /// What repairs after a death. Threads: the one that holds the lock. Guarantee: as whoever
-    /// made it.
+    /// Repairs a store after a death. Threads: the one that holds the lock. Guarantee: that of the
+    /// implementation.
     class Repairs {
     public:
         Repairs() = default;
@@ -30,11 +30,11 @@ public:
         ~Repairs() = default;
     };
 
-    /// `word`: of the process's lock. `bell`: of those who wait for commits. `shared`: null for a
+    /// `word`: of the process's lock. `commit_event`: for waits for commits. `shared`: null for a
     /// store of this process alone.
-    WriterLock(sync::Word& word, sync::Word& bell, const memory::SharedFile* shared,
+    WriterLock(sync::Word& word, sync::Word& commit_event, const memory::SharedFile* shared,
                Repairs& repairs)
-        : own_(word), bell_(bell), shared_(shared), repairs_(repairs) {}
+        : own_(word), commit_event_(commit_event), shared_(shared), repairs_(repairs) {}
 
     /// The only place where a thread waits for other writers. It asks `may_end` a few times a
     /// second, without the lock: what that throws ends the wait. Where the store is shared, both
@@ -52,7 +52,7 @@ public:
         if (shared_ != nullptr) [[unlikely]]
             shared_->control->unlock();
         own_.unlock();
-        bell_.ring();
+        commit_event_.notify();
     }
     /// Whether a thread of this process holds it, or asks urgently.
     [[nodiscard]] bool in_use() const noexcept { return own_.in_use(); }
@@ -74,7 +74,7 @@ private:
     void took(memory::Control::Taken taken);
 
     sync::CommitLock own_;
-    sync::Bell bell_;
+    sync::EventCount commit_event_;
     const memory::SharedFile* shared_;
     Repairs& repairs_;
 };

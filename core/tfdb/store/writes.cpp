@@ -13,7 +13,7 @@
 namespace tfdb::store {
 namespace {
 
-/// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
+/// Samples of one edge must come in stamp order; of equal stamps the later member counts.
 void sort_items(std::vector<Store::Item>& items, std::span<const TransformView> batch) {
     const auto before = [&](const auto& a, const auto& b) {
         if (a.child != b.child)
@@ -153,7 +153,7 @@ bool store_all(Store& store, const Batch& batch, CommitNumber& number) {
     return publish(store, commit, batch.authority(), mended, number);
 }
 
-/// Some rows of columns, by themselves: nobody else can change them once they are judged.
+/// A private copy of some rows of columns, which stay as they were judged.
 /// Threads: one. Guarantee: wait-free.
 class Rows {
 public:
@@ -232,7 +232,7 @@ std::vector<TransformView> members_of(const EdgeColumns& columns) {
     return members;
 }
 
-/// The members of a batch that was refused, told apart. Here nothing is in a hurry.
+/// Slow path: finds which members of a rejected batch are invalid.
 /// Threads: the holder of the commit lock. Guarantee: the store stays as it is.
 class Sorting {
 public:
@@ -337,7 +337,7 @@ private:
         indices_.resize(kept);
     }
 
-    /// Who comes in the place of a member that was left out: the next one of its edge and stamp.
+    /// Replaces a member that was left out by the next one of its edge and stamp.
     [[nodiscard]] bool take_next(const TransformView& left_out, std::size_t& index) {
         const auto found = repeats_.find({left_out.child, left_out.stamp});
         if (found == repeats_.end() || found->second.empty())
@@ -351,7 +351,7 @@ private:
     const Batch& batch_;
     std::vector<TransformView> good_;
     std::vector<std::size_t> indices_;  // of the good ones in the batch
-    // With `only_new`: their stamps, and who came later with the same one.
+    // With `only_new`: their stamps, and later members with the same one.
     std::map<std::pair<std::string_view, StampNs>, std::vector<std::size_t>> repeats_;
 };
 

@@ -36,7 +36,7 @@ public:
     [[nodiscard]] bool is_static() const { return is_static_; }
     [[nodiscard]] std::string_view authority() const { return authority_; }
     [[nodiscard]] WriteRules rules() const { return rules_; }
-    /// If not, `commit_batch` throws: whoever stores by other means leaves the batch to it.
+    /// If not, `commit_batch` throws; other ways to store leave such a batch to it.
     [[nodiscard]] bool sound() const { return sound_; }
 
 private:

@@ -12,15 +12,15 @@ namespace tfdb::sync {
 /// with a second lane for urgent requests, which the word counts.
 /// Threads: any may lock; only the holder may unlock.
 /// Guarantee: `try_lock` is wait-free. An urgent request waits, from when it is counted, for the
-/// holder and for other urgent ones only: nobody else gets the lock before it. Within a lane the
-/// lock is not fair, and urgent requests may starve the others. `Spins` is small only in tests that
-/// walk every interleaving.
+/// holder and for other urgent ones only: no ordinary request gets the lock before it. Within a
+/// lane the lock is not fair, and urgent requests may starve the others. `Spins` is small only in
+/// tests that walk every interleaving.
 template <class Word, int Spins = 100>  // a futex hand-off costs twice the throughput (measured)
 class BasicCommitLock {
 public:
     explicit BasicCommitLock(Word& word) noexcept : word_(word) {}
 
-    /// Fails also while somebody asks urgently.
+    /// Fails also during an urgent request.
     bool try_lock() noexcept {
         std::uint64_t found = 0;
         return word_.compare_exchange(found, kHeld);
@@ -56,19 +56,19 @@ public:
         }
         if ((found & kSleepers) == 0)
             return;
-        // One who is woken and may not have it yet would keep it from one who may.
+        // A woken thread that may not have it yet would keep it from one that may.
         if ((found & kAnyUrgent) != 0)
             word_.wake_all();
         else
             word_.wake_one();
     }
 
-    /// Whether somebody holds it, or asks urgently.
+    /// Whether it is held or urgently requested.
     [[nodiscard]] bool in_use() const noexcept { return word_.load_relaxed() != 0; }
 
 private:
     static constexpr std::uint64_t kHeld = 1;
-    static constexpr std::uint64_t kSleepers = 2;  // somebody may sleep
+    static constexpr std::uint64_t kSleepers = 2;  // a thread may sleep
     static constexpr std::uint64_t kOneUrgent = 4;
     static constexpr std::uint64_t kAnyUrgent = ~(kHeld | kSleepers);
 
@@ -92,7 +92,7 @@ private:
                 if (sleepers != 0 && longest_ns != kForever)
                     return false;
                 (void)word_.sleep(found | kSleepers, longest_ns);
-                sleepers = kSleepers;  // who was woken may not have been the only one
+                sleepers = kSleepers;  // other threads may sleep
             }
         }
     }

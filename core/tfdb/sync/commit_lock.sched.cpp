@@ -112,7 +112,7 @@ struct TakesSlowly : SplitCompareExchange {
     }
 };
 
-/// Who takes it while nobody holds it does not see that others ask urgently.
+/// A thread that takes the free lock does not see urgent requests of others.
 struct BlindToUrgent : sched::Word {
     [[nodiscard]] std::uint64_t load_relaxed() const {
         const std::uint64_t found = sched::Word::load_relaxed();
@@ -206,7 +206,7 @@ TFDB_SCHED(commit_lock_flaws_are_found) {
                    counted<SplitCompareExchange, 0>({kOrdinary, kOrdinary}));
     walk.must_fail("counting in two steps", kDeadlock,
                    counted<SplitFetchAdd, 0>({kUrgent, kUrgent, kUrgent}));
-    walk.must_fail("waking nobody", kDeadlock, counted<SilentNotify, 0>({kOrdinary, kOrdinary}));
+    walk.must_fail("a lost wake-up", kDeadlock, counted<SilentNotify, 0>({kOrdinary, kOrdinary}));
     walk.must_fail("sleeping without looking again", kDeadlock,
                    counted<BlindWait, 0>({kOrdinary, kOrdinary}));
     sched::Options options;

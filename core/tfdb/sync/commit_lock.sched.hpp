@@ -10,7 +10,7 @@ namespace tfdb::sync {
 
 enum class Lane : std::uint8_t { kOrdinary, kUrgent };
 
-/// Threads that count together, in two steps that are right only if nobody comes in between.
+/// Threads that count together, in two steps that are right only without another thread in between.
 /// `Number` is a number with `add_one`, as each of the three keeps it.
 template <class W, int Spins, class Number>
 struct CountInTurns {

@@ -15,7 +15,7 @@ Word g_forks;
 
 namespace {
 
-// Who forks has it meanwhile, so that the child finds the list whole.
+// The forking thread holds it meanwhile, so that the child finds the list whole.
 Word g_lock_word;
 ForkWatcher* g_first = nullptr;
 

@@ -19,8 +19,8 @@ void watch_forks();
     return detail::g_forks.load_relaxed();
 }
 
-/// What a child of a fork is told before any other code of it runs.
-/// Threads: the child's only one. Guarantee: as whoever is told.
+/// Called in a forked child before any other code.
+/// Threads: the child's only one. Guarantee: that of the implementation.
 class ForkWatcher {
 public:
     ForkWatcher() = default;

@@ -120,7 +120,7 @@ TFDB_SCHED(word_flaws_are_found) {
     walk.must_fail("compare_exchange in two steps", "peek() == 111", added<SplitCompareExchange>());
     walk.must_fail("exchange in two steps", "peek() == 111", added<SplitExchange>());
     walk.must_fail("a store that comes after the load behind it", "seen != 0", announced(true));
-    walk.must_fail("a change that wakes nobody", kDeadlock, awaited<SilentNotify>());
+    walk.must_fail("a change that wakes no thread", kDeadlock, awaited<SilentNotify>());
     walk.must_fail("a change that wakes one", kDeadlock, awaited<NarrowNotify>());
     walk.must_fail("sleeping without looking again", kDeadlock, awaited<BlindWait>());
 }

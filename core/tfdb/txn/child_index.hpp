@@ -1,4 +1,4 @@
-// Who hangs below whom in one state: for removals, which ask for children and not for parents.
+// The children of each frame in one state, for removals.
 #pragma once
 
 #include <algorithm>

@@ -332,7 +332,7 @@ private:
         return fresh;
     }
 
-    /// Whoever still reads the removed frame finds out: it has been born anew, and states in which
+    /// A reader of the removed frame finds out: it has been born anew, and states in which
     /// it lived lie below the floor.
     void empty_slot(FrameId id) {
         const CommitNumber died = frames_.word(id, history::kDied).load_relaxed();
@@ -372,7 +372,7 @@ private:
             auto& children = frames_.word(parent, history::kChildren);
             children.store_relaxed(children.load_relaxed() + delta);
         };
-        // Where no relation is new, nobody has another parent than before.
+        // Where no relation is new, all parents are as before.
         if (scratch_.cycles.relations.empty() && what_ == 0)
             return;
         for (Touched& touched : scratch_.touched) {

@@ -196,7 +196,7 @@ TFDB_SCHED(commit_flaws_are_found) {
         return std::make_unique<sched::Delays>(
             0, [commit](const Word& word) { return &word != commit; }, *commit);
     });
-    found("nobody told that a slot was used again", reuse, [](const WalkedForest& forest) {
+    found("a reused slot that is not reported", reuse, [](const WalkedForest& forest) {
         const Word* const floor = &forest.word(graph::kRecycleFloor);
         return std::make_unique<sched::Forgets>(
             [floor](const Word& word, std::uint64_t) { return &word == floor; });

@@ -3,7 +3,7 @@
 // A sample names its edge's parent from its stamp to the edge's next sample (a static edge: for all
 // time). A new sample closes a cycle if, somewhere in that interval, a walk from its child upward
 // comes to its child again. The walk splits the interval where a frame on the way changes its
-// parent, and remembers of every frame when there is no cycle above it: it goes there once.
+// parent, and remembers of every frame when no cycle lies above it: it goes there once.
 #pragma once
 
 #include <algorithm>
@@ -95,7 +95,7 @@ public:
     /// Finds cycles, not always all: with their samples left out, there may be others.
     ///
     /// Of two cycles that share a frame which is to change, only one is reported: without it the
-    /// other may be none. Once the suspect is to change there is no need to look for more above it:
+    /// other may be none. Once the suspect is to change, nothing above it needs a search:
     /// what comes last in time is found first, so the cycle's end is that of all.
     [[nodiscard]] bool find_all(std::vector<Cycle>& cycles) {
         cycles.clear();
@@ -140,7 +140,7 @@ private:
     /// Calls `found(top, suspect)` for each cycle that it comes upon, and goes on as that says: the
     /// path in scratch_.path then leads from the frame at `top` back to it.
     ///
-    /// A cycle needs its child to be somebody's parent already. Relations are looked at in the
+    /// A cycle needs its child to be a parent already. Relations are looked at in the
     /// order in which they came, so of a chain that is built from its root no frame is one yet: the
     /// last relation that closes a cycle always finds the others in place.
     template <class Found>
@@ -262,8 +262,8 @@ private:
         return cycle.child == kNoFrame ? suspect : cycle;
     }
 
-    /// Whether the committed state relates the two already at that time: then it is no new
-    /// relation.
+    /// Whether the committed state relates the two already at that time: then the relation
+    /// is not new.
     [[nodiscard]] bool held_before(const Relation& relation, StampNs stamp) const {
         history::EdgeView<Memory> edge;
         history::Bracket around;

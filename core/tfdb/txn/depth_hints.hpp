@@ -1,4 +1,4 @@
-// How deep each frame hangs in the tree: a hint for walks.
+// The depth of each frame in the tree: a hint for walks.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +31,7 @@ void refresh_depths(const graph::Frames<Memory>& frames, std::vector<std::uint32
             const std::uint64_t topology = frames.topology(climb.back());
             if (Topology::depth(topology) == depth)
                 continue;
-            // Whoever reads this word must see all that its flags stand for, as with every other
+            // A reader of this word must see all that its flags stand for, as with every other
             // store to it.
             frames.word(climb.back(), history::kTopology)
                 .store_release(Topology::with_parent(topology, Topology::parent(topology), depth));

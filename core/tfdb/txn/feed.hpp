@@ -180,7 +180,7 @@ private:
     static constexpr std::uint64_t kRoom = std::max<std::uint64_t>(1, Words::kWords / 64);
 
     void put(std::uint64_t word) {
-        // Without a feed there is no room, either.
+        // A store without a feed has no room.
         if (at_ >= limit_ && !make_room()) [[unlikely]]
             return;
         feed_.word(at_++).store_relaxed(word);
@@ -196,7 +196,7 @@ private:
         if (!feed_.is_kept() || FeedEntry::words(entry_) == FeedEntry::kTooLarge)
             return false;
         const std::uint64_t first = FeedEntry::first(entry_);
-        // It is no further back, but where it was damaged.
+        // Only damage can put it further back.
         const CommitNumber oldest = commit_ - std::min(commit_, Words::kCommits);
         CommitNumber floor = std::max<CommitNumber>(feed_.floor().load_relaxed(), oldest);
         const auto end_of_room = [&] {
@@ -213,7 +213,7 @@ private:
             entry_ = FeedEntry::pack(first, FeedEntry::kTooLarge);
             feed_.entry(commit_).store_release(entry_);
         }
-        // Whoever comes after a death between the two must not overwrite what still counts.
+        // After a death between the two, the next writer must not overwrite what still counts.
         raise_floor(floor);
         feed_.limit().store_relaxed(limit_);
         return fits;

@@ -198,7 +198,7 @@ private:
         return std::upper_bound(samples.begin(), samples.end(), stamp,
                                 [](StampNs a, const OwnSample& b) { return a < b.stamp; });
     }
-    /// A sample of somebody else at an own sample's stamp would be replaced by that.
+    /// A committed sample at an own sample's stamp would be replaced by that.
     [[nodiscard]] static StampNs from_of(const SampleAt& at) {
         return is_own(at) ? at.stamp + 1 : at.stamp;
     }
@@ -213,7 +213,7 @@ private:
     }
 
     /// The samples around a stamp among both, own ones first where stamps are equal. Retention is
-    /// counted from the newest sample, whoever wrote it.
+    /// counted from the newest sample of both.
     [[nodiscard]] bool find_around(StampNs stamp, history::Bracket& out) const {
         out = {};
         if (has_base_ && !base_.empty()) {

@@ -91,7 +91,8 @@ private:
         }
     }
 
-    /// Slots that nobody ever saw first, then those of removed frames in the order of their deaths.
+    /// First slots that were never published, then those of removed frames in the order of their
+    /// deaths.
     void list_slots() {
         std::sort(retired_.begin(), retired_.end());
         for (const auto w : {graph::kFreeHead, graph::kFreeTail, graph::kFreeFull})

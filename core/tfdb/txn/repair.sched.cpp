@@ -404,7 +404,7 @@ TFDB_SCHED(repair_flaws_are_found) {
         std::printf("  %-44s bug found, %s\n", name.c_str(),
                     what.substr(0, what.find('\n')).c_str());
     };
-    // Whoever repairs leaves these words of a frame as they are.
+    // A repair leaves these words of a frame as they are.
     const auto leaves = [](FrameId id, const std::vector<history::HeaderWord>& words) {
         return [=](const WalkedForest& forest) {
             std::vector<const sched::Word*> left;

@@ -41,7 +41,7 @@ public:
     [[nodiscard]] View view() { return {frames_, commit_, history_}; }
     [[nodiscard]] bool confirm() { return true; }
     [[nodiscard]] CommitNumber read_as_of() { return commit_; }
-    /// Only who is alone writes.
+    /// Only an exclusive session writes.
     [[nodiscard]] bool lock(std::span<const FrameId>) { return alone_; }
     [[nodiscard]] CommitNumber take_ticket() { return commit_ + 1; }
 

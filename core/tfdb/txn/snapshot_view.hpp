@@ -66,7 +66,7 @@ private:
 };
 
 /// The parent that a frame's newest sample names in a state, kNoFrame for a root. Only for the
-/// holder of the commit lock, whom no writer overtakes.
+/// holder of the commit lock, which no writer overtakes.
 template <class Memory>
 [[nodiscard]] FrameId newest_parent(const graph::Frames<Memory>& frames, FrameId id,
                                     CommitNumber commit, clock::StampNs history) {

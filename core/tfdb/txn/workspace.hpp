@@ -24,8 +24,9 @@ struct EdgeKind {
     clock::StampNs newest = history::kNoStamp;
 };
 
-/// Reads and writes of one transaction. Where a call says kLapped, the transaction has lost.
-/// Threads: one. Guarantee: that of the session; what is asked is noted, what is put is private.
+/// Reads and writes of one transaction. Where a call returns kLapped, the transaction has a
+/// conflict. Threads: one. Guarantee: that of the session; what is asked is noted, what is put is
+/// private.
 template <Session S, class R = ReadSet>
 class Workspace {
 public:
@@ -74,7 +75,7 @@ public:
         return view.commit() < floor ? Outcome::kLapped : outcome;
     }
 
-    /// kFailed: there is no frame of that name.
+    /// kFailed: no frame has that name.
     [[nodiscard]] Outcome find(std::string_view name, FrameId& id) {
         return steadily([&](const View& view) {
             id = view.find(name);

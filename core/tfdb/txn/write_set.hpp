@@ -34,7 +34,7 @@ public:
         std::array<std::uint64_t, Memory::kPayloadWords> payload{};
         std::uint32_t authority = 0;  // position among `authorities`
     };
-    /// Of one edge. Late ones wait behind the others until somebody asks for all.
+    /// Of one edge. Late ones wait behind the others until all are read.
     /// Threads: one. Guarantee: each stamp once, the last that was put.
     class Samples {
     public:
@@ -198,7 +198,7 @@ public:
     [[nodiscard]] const std::string& authority_name(std::uint32_t place) const {
         return authorities_[place];
     }
-    /// Who wrote an edge last.
+    /// The last writer of an edge.
     [[nodiscard]] const std::string& author_of(const Edge& edge) const {
         return authority_name(edge.authority);
     }

@@ -16,8 +16,8 @@
 //   - padding may hold anything (Fast CDR leaves it uninitialised); it is written as zeros;
 //   - up to three bytes may follow a CDR message (RTPS rounds payloads up to a multiple of four);
 //   - the two option bytes of the encapsulation header are ignored, as RTPS tells receivers to.
-// A value that is no stamp, name or pose is passed on, so that the store refuses one transform and
-// takes the others:
+// An invalid stamp, name or pose is passed on, so that the store refuses one transform and takes
+// the others:
 //   - names: one leading '/' is dropped, as tf does; all else stays, an embedded NUL included;
 //   - numbers: the seven doubles stay bit for bit, NaN included;
 //   - stamps: negative seconds make a negative stamp, nanoseconds of a second or more
@@ -52,8 +52,8 @@ struct TransformView {
 };
 static_assert(std::is_trivially_copyable_v<TransformView>);
 
-/// The layout of a message. kCdr is for whoever has a payload with its encapsulation header and
-/// takes what that says; every other one means exactly one layout. A bare payload is never guessed:
+/// The layout of a message. kCdr is for a payload with its encapsulation header, which gives the
+/// layout; every other one means exactly one layout. A bare payload is never guessed:
 /// `00 01 00 00` starts a little-endian message with a header just as well as a bare one of 256.
 enum class Encoding : std::uint8_t {
     kRos1,           // ROS 1 serialisation

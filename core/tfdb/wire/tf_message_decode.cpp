@@ -113,7 +113,7 @@ private:
         return name;
     }
 
-    // May leave the position past the end: whoever aligns asks for bytes next.
+    // May leave the position past the end: a read of bytes, which checks it, follows.
     void align(std::size_t size) noexcept {
         position_ += padding<kLayout>(position_ - origin_, size);
     }

@@ -177,7 +177,7 @@ TFDB_TEST(wire_values_that_no_store_takes_are_passed_on) {
     CHECK_EQ(decode(cdr, Encoding::kCdr, 8, "\xff\xff\xff\xff"sv).stamp, nanos - kSecond);
     CHECK_EQ(decode(cdr, Encoding::kCdr, 8, "\0\0\0\x80"sv).stamp,
              nanos - (std::int64_t{1} << 31) * kSecond);
-    // The same word is no negative number in ROS 1.
+    // The same word is not negative in ROS 1.
     CHECK_EQ(decode(ros1, Encoding::kRos1, 8, "\0\0\0\x80"sv).stamp,
              nanos + (std::int64_t{1} << 31) * kSecond);
     for (const auto& [from, encoding] :

@@ -113,7 +113,7 @@ public:
     static void fence_full_after_exchange() { relacy::fence_full(); }
 
     /// Sleeps until told; orders nothing, as std::atomic promises nothing. Relacy calls a thread
-    /// that nobody wakes a livelock.
+    /// that is never woken a livelock.
     void wait(std::uint64_t old) const {
         while (value_.debug_value() == old) {
             const std::uint32_t self = 1U << rl::thread_index();

@@ -71,7 +71,7 @@ public:
     }
     [[nodiscard]] Word& reclaimed(memory::Line line) const { return word(8 + 8 * place(line)); }
 
-    /// The blocks that nobody may be led to by a new look: free ones and retired ones.
+    /// The blocks that no new look may lead to: free ones and retired ones.
     [[nodiscard]] std::vector<Offset> out_of_use() const {
         std::vector<Offset> blocks;
         for (const auto& [lines, free] : free_)

@@ -91,7 +91,7 @@ void Run::die() {
     self.finished = true;
     self.died = true;
     self.fiber->suspend();
-    std::abort();  // nobody resumes it
+    std::abort();  // it is not resumed
 }
 
 const Step& Run::advance(std::size_t thread) {

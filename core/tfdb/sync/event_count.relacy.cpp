@@ -1,5 +1,5 @@
-// The bell in the C++ memory model: who is never woken shows as a livelock.
-#include "tfdb/sync/bell.hpp"
+// The event in the C++ memory model: who is never woken shows as a livelock.
+#include "tfdb/sync/event_count.hpp"
 
 // After all others: it redefines `assert` and more.
 #include "tfdb/testing/relacy/simulate.hpp"
@@ -16,12 +16,12 @@ struct Bells : rl::test_suite<Bells<Listeners, Workers>, Listeners + Workers> {
     rl::var<int> data[Workers];
 
     void thread(unsigned index) {
-        BasicBell<relacy::Word> bell(word);
+        BasicEventCount<relacy::Word> event(word);
         if (index >= Listeners) {
             const unsigned worker = index - Listeners;
             data[worker]($) = 1;
             parts[worker].store_release(1);
-            bell.ring();
+            event.notify();
             return;
         }
         const auto all_done = [&] {
@@ -31,10 +31,10 @@ struct Bells : rl::test_suite<Bells<Listeners, Workers>, Listeners + Workers> {
             return all;
         };
         for (;;) {
-            const std::uint64_t armed = bell.arm();
+            const std::uint64_t armed = event.arm();
             if (all_done())
                 break;
-            (void)bell.sleep(armed, 1);
+            (void)event.sleep(armed, 1);
         }
         for (rl::var<int>& part : data)
             RL_ASSERT(part($) == 1);
@@ -43,13 +43,13 @@ struct Bells : rl::test_suite<Bells<Listeners, Workers>, Listeners + Workers> {
 
 }  // namespace
 
-TFDB_TEST(bell_holds_in_the_memory_model) {
+TFDB_TEST(event_count_holds_in_the_memory_model) {
     relacy::holds<Bells<1, 1>>("one listener, one worker");
     relacy::holds<Bells<2, 1>>("two listeners, one worker");
     relacy::holds<Bells<1, 2>>("one listener, two workers");
 }
 
-TFDB_TEST(bell_needs_its_fences) {
+TFDB_TEST(event_count_needs_its_fences) {
     relacy::needs<Bells<1, 1>>("the full fences", {.no_full_fence = true});
 }
 

@@ -1,52 +1,52 @@
-// Threads that wait for what any process may do: one of them keeps the lookout for all.
+// One waiting thread watches for all waiters of its process.
 #pragma once
 
 #include <algorithm>
 #include <vector>
 
-#include "tfdb/sync/bell.hpp"
 #include "tfdb/sync/commit_lock.hpp"
+#include "tfdb/sync/event_count.hpp"
 
 namespace tfdb::sync {
 
-/// Whoever waits first listens to the bell and looks, for all who wait; the others sleep on words
-/// of their own, until what they wait for has come or the lookout is theirs. So a change wakes one
-/// thread of a process, however many wait there, and no thread is needed beside those.
-/// Threads: any. Guarantee: `wait` blocks; each of its ends hands the lookout on. Who was woken by
-/// the bell does not listen again for `RestNs`: changes that come without a pause are looked at
-/// together, and cost those who make them next to nothing. `Spins`: of the lock.
+/// The first waiting thread listens to the event and looks for all waiting threads; the others
+/// sleep on words of their own, until what they wait for has come or they lead. So a change wakes
+/// one thread of a process, however many wait there, and no thread is needed beside those. Threads:
+/// any. Guarantee: `wait` blocks; each of its ends hands the lead on. A thread that was woken by
+/// the event does not listen again for `RestNs`: changes that come without a pause are looked at
+/// together, and cost their writers next to nothing. `Spins`: of the lock.
 template <class Word, std::int64_t RestNs = 1'000'000, int Spins = 100>
-class BasicLookout {
+class BasicWaitGroup {
 public:
-    /// One who waits.
-    /// Threads: the lookout's lock is held. Guarantee: wait-free.
+    /// A waiting thread.
+    /// Threads: the group's lock is held. Guarantee: wait-free.
     class Waiter {
     public:
         [[nodiscard]] bool ended() const { return word_.load_relaxed() == kEnded; }
 
     private:
-        friend class BasicLookout;
+        friend class BasicWaitGroup;
         Word word_;
     };
     /// Threads: one. Guarantee: the lock is held for its lifetime.
     class Locked {
     public:
-        explicit Locked(BasicLookout& lookout) : lookout_(lookout) { lookout_.lock_.lock(); }
-        ~Locked() { lookout_.lock_.unlock(); }
+        explicit Locked(BasicWaitGroup& group) : group_(group) { group_.lock_.lock(); }
+        ~Locked() { group_.lock_.unlock(); }
         Locked(const Locked&) = delete;
         Locked& operator=(const Locked&) = delete;
 
     private:
-        BasicLookout& lookout_;
+        BasicWaitGroup& group_;
     };
 
-    explicit BasicLookout(Word& bell) : bell_(bell) {}
+    explicit BasicWaitGroup(Word& event) : event_(event) {}
 
     // -- all of these: the lock is held --
 
-    /// Returns once somebody has called `end` for the waiter, or its patience is at an end.
-    /// `look()` ends those for whom what they wait for has come, with what was changed until then;
-    /// the caller has looked for itself before, and not unlocked since. `patience` says how long
+    /// Returns once `end` was called for the waiter, or its patience is at an end. `look()` ends
+    /// the waiters whose condition holds after all changes until then; the caller has looked for
+    /// itself before, and not unlocked since. `patience` says how long
     /// it still waits, `left()`, whether a signal may end that, `heeds_signals()`, and is told of
     /// each, `signalled()`, without the lock. What these throw ends the wait.
     template <class Look, class Patience>
@@ -63,47 +63,47 @@ public:
         waiter.word_.store_release(kEnded);
         waiter.word_.wake_all();
     }
-    /// After `end` of any: also the one that listens to the bell is told.
-    void tell() noexcept { bell_.ring(); }
+    /// After `end` of any: also the one that listens to the event is told.
+    void tell() noexcept { event_.notify(); }
 
 private:
     static constexpr std::uint64_t kWaits = 0;
     static constexpr std::uint64_t kLeads = 1;  // from now on, or soon
     static constexpr std::uint64_t kEnded = 2;
-    // A writer may be killed between its commit and the bell, and a signal come just before the
+    // A writer may be killed between its commit and the event, and a signal come just before the
     // sleep.
     static constexpr std::int64_t kLongestSleepNs = 100'000'000;
 
     /// Threads: one. Guarantee: the lock is free for its lifetime.
     class Unlocked {
     public:
-        explicit Unlocked(BasicLookout& lookout) : lookout_(lookout) { lookout_.lock_.unlock(); }
-        ~Unlocked() { lookout_.lock_.lock(); }
+        explicit Unlocked(BasicWaitGroup& group) : group_(group) { group_.lock_.unlock(); }
+        ~Unlocked() { group_.lock_.lock(); }
         Unlocked(const Unlocked&) = delete;
         Unlocked& operator=(const Unlocked&) = delete;
 
     private:
-        BasicLookout& lookout_;
+        BasicWaitGroup& group_;
     };
-    /// Threads: one. Guarantee: who leaves the lookout without anybody hands it on.
+    /// Threads: one. Guarantee: a thread that leaves hands the lead on.
     class Present {
     public:
-        Present(BasicLookout& lookout, Waiter& waiter) : lookout_(lookout), waiter_(waiter) {
-            lookout_.present_.push_back(&waiter);
+        Present(BasicWaitGroup& group, Waiter& waiter) : group_(group), waiter_(waiter) {
+            group_.present_.push_back(&waiter);
         }
         ~Present() {
-            auto& present = lookout_.present_;
+            auto& present = group_.present_;
             present.erase(std::find(present.begin(), present.end(), &waiter_));
-            if (lookout_.leader_ == &waiter_)
-                lookout_.leader_ = nullptr;
-            if (lookout_.leader_ == nullptr && !present.empty())
-                lookout_.appoint(*present.front());
+            if (group_.leader_ == &waiter_)
+                group_.leader_ = nullptr;
+            if (group_.leader_ == nullptr && !present.empty())
+                group_.appoint(*present.front());
         }
         Present(const Present&) = delete;
         Present& operator=(const Present&) = delete;
 
     private:
-        BasicLookout& lookout_;
+        BasicWaitGroup& group_;
         Waiter& waiter_;
     };
 
@@ -121,7 +121,7 @@ private:
                 leader_ = &waiter;
             std::uint64_t found = kLeads;
             (void)waiter.word_.compare_exchange(found, kWaits);
-            const Woken woken = leader_ == &waiter ? keep_lookout(waiter, look, patience)
+            const Woken woken = leader_ == &waiter ? lead(waiter, look, patience)
                                                    : sleep(waiter.word_, kWaits, patience.left());
             if (woken == Woken::kInterrupted && patience.heeds_signals() && !waiter.ended())
                 return woken;
@@ -129,19 +129,19 @@ private:
         return Woken::kChanged;
     }
 
-    /// Until the next ring, or a signal.
+    /// Until the next notification, or a signal.
     template <class Look, class Patience>
-    Woken keep_lookout(Waiter& waiter, Look& look, Patience& patience) {
+    Woken lead(Waiter& waiter, Look& look, Patience& patience) {
         if constexpr (RestNs > 0) {
             const std::int64_t rest = rests_until_ - steady_now();
             if (rest > 0)
                 return sleep(waiter.word_, kWaits, std::min(rest, patience.left()));
         }
-        const std::uint64_t armed = bell_.arm();
+        const std::uint64_t armed = event_.arm();
         look();
         if (waiter.ended())
             return Woken::kChanged;
-        const Woken woken = sleep(bell_, armed, patience.left());
+        const Woken woken = sleep(event_, armed, patience.left());
         if constexpr (RestNs > 0) {
             if (woken == Woken::kChanged)
                 rests_until_ = steady_now() + RestNs;
@@ -159,14 +159,14 @@ private:
         return woken == Woken::kTimedOut && left > kLongestSleepNs ? Woken::kInterrupted : woken;
     }
 
-    BasicBell<Word> bell_;
+    BasicEventCount<Word> event_;
     Word lock_word_;
     BasicCommitLock<Word, Spins> lock_{lock_word_};
     Waiter* leader_ = nullptr;
-    std::vector<Waiter*> present_;  // those who are not at a signal
+    std::vector<Waiter*> present_;  // those not in a signal handler
     std::int64_t rests_until_ = 0;
 };
 
-using Lookout = BasicLookout<Word>;
+using WaitGroup = BasicWaitGroup<Word>;
 
 }  // namespace tfdb::sync

@@ -1,5 +1,5 @@
 // Every interleaving of those who wait, and of who changes what they wait for.
-#include "tfdb/sync/lookout.hpp"
+#include "tfdb/sync/wait_group.hpp"
 
 #include <cstdint>
 #include <limits>
@@ -35,31 +35,31 @@ struct Patience {
 /// What several threads wait for: that a counter reaches a number, each its own.
 template <class W>
 struct Room {
-    using Lookout = BasicLookout<W, 0, 0>;
+    using WaitGroup = BasicWaitGroup<W, 0, 0>;
     struct Wait {
-        typename Lookout::Waiter waiter{};
+        typename WaitGroup::Waiter waiter{};
         std::uint64_t least;
     };
 
-    explicit Room(Run& run) : lookout(bell_word) {
-        bell_word.rename("bell", 0);
-        run.touch(bell_word);
+    explicit Room(Run& run) : group(event_word) {
+        event_word.rename("event", 0);
+        run.touch(event_word);
     }
 
-    W bell_word;
+    W event_word;
     sched::Word counter{0, "counter"};
-    Lookout lookout;
+    WaitGroup group;
     std::vector<Wait*> waits;
     bool closed = false;
 
     /// Whether it has come.
     bool wait_for(std::uint64_t least, Patience patience = {}) {
         Wait wait{.least = least};
-        const typename Lookout::Locked locked(lookout);
+        const typename WaitGroup::Locked locked(group);
         if (closed || counter.load_acquire() >= least)
             return !closed;
         waits.push_back(&wait);
-        lookout.wait(
+        group.wait(
             wait.waiter, [this] { look(); }, patience);
         std::erase(waits, &wait);
         return wait.waiter.ended();
@@ -69,21 +69,21 @@ struct Room {
         std::erase_if(waits, [&](Wait* wait) {
             if (wait->least > now)
                 return false;
-            lookout.end(wait->waiter);
+            group.end(wait->waiter);
             return true;
         });
     }
     void close() {
-        const typename Lookout::Locked locked(lookout);
+        const typename WaitGroup::Locked locked(group);
         closed = true;
         for (Wait* const wait : waits)
-            lookout.end(wait->waiter);
+            group.end(wait->waiter);
         waits.clear();
-        lookout.tell();
+        group.tell();
     }
     void commit() {
         counter.fetch_add(1);
-        BasicBell<W>(bell_word).ring();
+        BasicEventCount<W>(event_word).notify();
     }
 };
 
@@ -107,7 +107,7 @@ Program waiting(const std::vector<std::uint64_t>& waits, int writers, int commit
     };
 }
 
-/// One loses its patience, perhaps while it keeps the lookout; the other must not be left alone.
+/// One loses its patience, perhaps while it leads; the other must not be left alone.
 Program impatient(int sleeps) {
     return [=](Run& run) {
         Room<Sound> room(run);
@@ -132,15 +132,15 @@ Program closing() {
 /// A listener in another process is killed at some step; the writer and the others go on.
 Program with_death(std::size_t accesses) {
     return [=](Run& run) {
-        sched::Word bell_word(0, "bell");
+        sched::Word event_word(0, "event");
         sched::Word counter(0, "counter");
         const auto listen = [&] {
-            BasicBell<sched::Word> bell(bell_word);
+            BasicEventCount<sched::Word> event(event_word);
             for (;;) {
-                const std::uint64_t armed = bell.arm();
+                const std::uint64_t armed = event.arm();
                 if (counter.load_acquire() >= 2)
                     return;
-                (void)bell.sleep(armed, 0);
+                (void)event.sleep(armed, 0);
             }
         };
         run.thread("dies", listen, accesses);
@@ -148,7 +148,7 @@ Program with_death(std::size_t accesses) {
         run.thread("writer", [&] {
             for (int i = 0; i < 2; ++i) {
                 counter.fetch_add(1);
-                BasicBell<sched::Word>(bell_word).ring();
+                BasicEventCount<sched::Word>(event_word).notify();
             }
         });
         run.join();
@@ -158,22 +158,22 @@ Program with_death(std::size_t accesses) {
 /// A listener that looks first and arms then.
 Program looks_too_early() {
     return [](Run& run) {
-        sched::Word bell_word(0, "bell");
+        sched::Word event_word(0, "event");
         sched::Word done(0, "done");
         run.thread("listens", [&] {
-            BasicBell<sched::Word> bell(bell_word);
+            BasicEventCount<sched::Word> event(event_word);
             if (done.load_acquire() == 0)
-                (void)bell.sleep(bell.arm(), 0);
+                (void)event.sleep(event.arm(), 0);
         });
         run.thread("writer", [&] {
             done.store_release(1);
-            BasicBell<sched::Word>(bell_word).ring();
+            BasicEventCount<sched::Word>(event_word).notify();
         });
         run.join();
     };
 }
 
-/// The bell still says that it is listened to when all have been woken: who arms between the two
+/// The event still says that it is listened to when all have been woken: who arms between the two
 /// is forgotten.
 struct WakesThenClears : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
@@ -197,7 +197,7 @@ struct BlindSleep : sched::Word {
 
 }  // namespace
 
-TFDB_SCHED(lookout_loses_no_wake_up) {
+TFDB_SCHED(wait_group_loses_no_wake_up) {
     Walk walk;
     walk.must_hold("one waits, one commit", waiting({1}, 1, 1));
     walk.must_hold("one waits for the second of two commits", waiting({2}, 1, 2));
@@ -212,16 +212,16 @@ TFDB_SCHED(lookout_loses_no_wake_up) {
     bounded.must_hold("closing ends all waits", closing());
 }
 
-TFDB_SCHED(bell_survives_the_deaths_of_listeners) {
+TFDB_SCHED(event_count_survives_the_deaths_of_listeners) {
     Walk walk;
     for (std::size_t accesses = 0; accesses < 6; ++accesses)
         walk.must_hold("a death after " + std::to_string(accesses), with_death(accesses));
 }
 
-TFDB_SCHED(lookout_flaws_are_found) {
+TFDB_SCHED(wait_group_flaws_are_found) {
     Walk walk;
-    walk.must_fail("a bell that wakes nobody", kDeadlock, waiting<SilentWake>({1}, 1, 1));
-    walk.must_fail("a bell that wakes, then clears", kDeadlock,
+    walk.must_fail("a event that wakes no thread", kDeadlock, waiting<SilentWake>({1}, 1, 1));
+    walk.must_fail("a event that wakes, then clears", kDeadlock,
                    waiting<WakesThenClears>({2}, 1, 2));
     walk.must_fail("sleeping without looking again", kDeadlock, waiting<BlindSleep>({1}, 1, 1));
     walk.must_fail("looking before arming", kDeadlock, looks_too_early());

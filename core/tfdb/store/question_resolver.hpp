@@ -9,9 +9,9 @@ namespace tfdb::store {
 /// Looks frames up in one view, by `find(name)` where a handle does not do.
 /// Threads: one. Guarantee: that of the view.
 template <lookup::View V, class Find>
-class Asking {
+class QuestionResolver {
 public:
-    Asking(const V& view, Find find, Question& question)
+    QuestionResolver(const V& view, Find find, Question& question)
         : view_(view), find_(find), question_(question) {}
 
     [[nodiscard]] lookup::Outcome answer(Answer& answer, Failure& failure) {

@@ -1,6 +1,6 @@
 // Every interleaving of a question by names with commits that remove its frame and make it again:
 // names and answer are of one state.
-#include "tfdb/store/asking.hpp"
+#include "tfdb/store/question_resolver.hpp"
 
 #include "tfdb/testing/sched/flaws.hpp"
 #include "tfdb/txn/forest.sched.hpp"
@@ -35,7 +35,7 @@ bool ask(const WalkedForest& store, tfdb::Question& question, const StateOfNames
     };
     Answer answer;
     Failure failure;
-    const lookup::Outcome outcome = Asking(view, find, question).answer(answer, failure);
+    const lookup::Outcome outcome = QuestionResolver(view, find, question).answer(answer, failure);
     if (outcome == lookup::Outcome::kLapped)
         return false;
     forest::ForestMemory::fence_acquire();
