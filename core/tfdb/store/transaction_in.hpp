@@ -35,22 +35,18 @@ public:
           store_(store) {}
 
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) override {
-        const Outcome outcome = needed(this->steadily([&](const View& view) {
+        const bool found = answered(failure, [&](const View& view) {
             const auto find = [&](std::string_view name) { return view.find(name); };
-            const Outcome found = QuestionResolver(view, find, question).answer(answer, failure);
-            return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
-        }));
-        answer.commit = failure.commit = read_as_of();
-        return outcome == Outcome::kOk;
+            return QuestionResolver(view, find, question).answer(answer, failure);
+        });
+        answer.commit = failure.commit;
+        return found;
     }
     [[nodiscard]] bool has_frame(std::string_view name) override { return find(name) != kNoFrame; }
     [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
                                                        std::optional<StampNs> stamp) override {
         std::optional<std::string> found;
-        const Outcome outcome = needed(this->steadily([&](const View& view) {
-            const FrameId id = view.find(name);
-            if (id == kNoFrame)
-                return this->unless_reused(view, Outcome::kFailed);
+        read_frame(name, [&](const View& view, FrameId id) {
             FrameId parent = kNoFrame;
             const Outcome read = lookup::parent_at(view, id, stamp, parent);
             found.reset();
@@ -60,31 +56,23 @@ public:
             // Its slot may have been reused before its name was read.
             StoreMemory::fence_acquire();
             return view.alive(parent) ? read : Outcome::kLapped;
-        }));
-        if (outcome == Outcome::kFailed)
-            throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
+        });
         return found;
     }
     [[nodiscard]] bool velocity(const VelocityQuestion& question, Twist& twist, Asked& asked,
                                 Failure& failure) override {
-        const Outcome outcome = needed(this->steadily([&](const View& view) {
+        return answered(failure, [&](const View& view) {
             const auto find = [&](std::string_view name) { return view.find(name); };
-            const Outcome found = velocity_at(view, find, question, twist, asked, failure);
-            return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
-        }));
-        failure.commit = read_as_of();
-        return outcome == Outcome::kOk;
+            return velocity_at(view, find, question, twist, asked, failure);
+        });
     }
     [[nodiscard]] bool path_stamps(std::string_view target, std::string_view source,
                                    std::optional<StampNs> start, std::optional<StampNs> end,
                                    std::vector<StampNs>& stamps, Failure& failure) override {
-        const Outcome outcome = needed(this->steadily([&](const View& view) {
-            const Outcome found = store::path_stamps(view, view.find(target), view.find(source),
-                                                     start, end, stamps, failure);
-            return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
-        }));
-        failure.commit = read_as_of();
-        return outcome == Outcome::kOk;
+        return answered(failure, [&](const View& view) {
+            return store::path_stamps(view, view.find(target), view.find(source), start, end,
+                                      stamps, failure);
+        });
     }
     [[nodiscard]] std::vector<std::string> all_frames() override {
         std::vector<std::string> names;
@@ -95,13 +83,7 @@ public:
     }
     [[nodiscard]] FrameInfo frame_info(std::string_view name) override {
         FrameInfo info;
-        const Outcome outcome = needed(this->steadily([&](const View& view) {
-            const FrameId id = view.find(name);
-            return id == kNoFrame ? this->unless_reused(view, Outcome::kFailed)
-                                  : fill(view, id, info);
-        }));
-        if (outcome == Outcome::kFailed)
-            throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
+        read_frame(name, [&](const View& view, FrameId id) { return fill(view, id, info); });
         return info;
     }
     [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp) override {
@@ -119,11 +101,8 @@ public:
     }
     [[nodiscard]] Samples samples(std::string_view name) override {
         Samples out;
-        const Outcome outcome = needed(this->steadily([&](const View& view) {
+        read_frame(name, [&](const View& view, FrameId id) {
             out = Samples{};
-            const FrameId id = view.find(name);
-            if (id == kNoFrame)
-                return this->unless_reused(view, Outcome::kFailed);
             Track track;
             const Outcome collected = collect_all(view, id, track);
             out.stamps = std::move(track.stamps);
@@ -135,9 +114,7 @@ public:
                 out.parents.push_back(known ? frame_name(track.parents[i]) : std::string());
             }
             return confirmed(view, id, collected);
-        }));
-        if (outcome == Outcome::kFailed)
-            throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
+        });
         return out;
     }
     [[nodiscard]] CommitNumber read_as_of() override { return this->session().read_as_of(); }
@@ -286,7 +263,27 @@ private:
                   [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });
         return infos;
     }
-    /// Throws Conflict where the transaction has lost.
+    /// Whether `body(view)` has an answer; sets the commit of `failure`. Throws Conflict.
+    template <class Body>
+    [[nodiscard]] bool answered(Failure& failure, Body body) {
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
+            const Outcome found = body(view);
+            return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
+        }));
+        failure.commit = read_as_of();
+        return outcome == Outcome::kOk;
+    }
+    /// Runs `body(view, id)` on the frame of that name. Throws Conflict, UnknownFrame.
+    template <class Body>
+    void read_frame(std::string_view name, Body body) {
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
+            const FrameId id = view.find(name);
+            return id == kNoFrame ? this->unless_reused(view, Outcome::kFailed) : body(view, id);
+        }));
+        if (outcome == Outcome::kFailed)
+            throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
+    }
+    /// Throws Conflict where the transaction has a conflict.
     Outcome needed(Outcome outcome) {
         if (outcome == Outcome::kLapped)
             throw_lost("the data that it read were changed or overwritten", read_as_of());
