@@ -29,7 +29,7 @@ namespace {
     throw nb::python_error();
 }
 
-/// Where the parameter of that name is; the number of parameters if there is none.
+/// Index of the parameter of that name; the number of parameters if it is missing.
 std::size_t find_parameter(const ParameterList& list, PyObject* keyword) {
     Py_ssize_t size = 0;
     const char* const text = PyUnicode_AsUTF8AndSize(keyword, &size);

@@ -91,7 +91,7 @@ std::string option_of(nb::handle object, const char* role);
 [[noreturn]] void throw_not_one_of(const char* role, std::initializer_list<const char*> words,
                                    nb::handle given);
 
-/// Throws TypeError for what cannot be gone through; `wanted` says what it should be.
+/// Throws TypeError for what cannot be iterated; `wanted` names what it should be.
 void check_many(nb::handle object, const char* role, const char* wanted);
 
 /// True or False; omitted: False. Throws TypeError for anything else.

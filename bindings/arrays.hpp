@@ -57,7 +57,7 @@ private:
     Kind kind_ = Kind::kOther;
 };
 
-/// Stamps from whatever holds them. Guarantee: every stamp is >= 0.
+/// Stamps from an array or a sequence. Guarantee: every stamp is >= 0.
 class Stamps {
 public:
     /// Throws InvalidArray (shape, dtype) and InvalidStamp (with index).
@@ -82,8 +82,8 @@ private:
 /// Whether a store takes all of these stamps.
 bool are_in_range(std::span<const StampNs> stamps);
 
-/// A contiguous view of `object` as float64, converted and kept in `keep` if need be.
-/// Throws InvalidArray, which says what was expected of `role`.
+/// A contiguous view of `object` as float64, converted and kept in `keep` where necessary.
+/// Throws InvalidArray, which names what was expected of `role`.
 ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep);
 
 [[noreturn]] void throw_bad_array(const std::string& role, const std::string& expected,

@@ -101,7 +101,7 @@ const Answer* ask(const Open& open, PyObject* target, PyObject* source, Question
     open.reads().raise(failure, question);
 }
 
-/// The answer as an object, null if there is none. The question then holds the names.
+/// The answer as an object; null without an answer. The question then holds the names.
 PyObject* find_transform(Open& open, PyObject* target, PyObject* source, Question& question,
                          Failure& failure) {
     for (;;) {
@@ -132,7 +132,7 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question&
     return made;
 }
 
-/// Throws what the question is refused with, and says how long it was waited for.
+/// Throws the error of the failed question, with the time that was waited for it.
 [[noreturn]] void raise_late(const Open& open, const Failure& failure, const Question& question,
                              StampNs waited, bool stopped) {
     try {

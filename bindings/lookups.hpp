@@ -21,7 +21,7 @@ struct Found {
 std::optional<Found> find_pose(PyObject* buffer, PyObject* target, PyObject* source,
                                std::optional<StampNs> stamp);
 
-/// Whether there is one.
+/// Whether it has an answer.
 bool can_find_pose(PyObject* buffer, PyObject* target, PyObject* source,
                    std::optional<StampNs> stamp);
 

@@ -25,7 +25,7 @@ public:
 
 /// A direct-mapped cache of handles by the address of the str, which it keeps alive, so that an
 /// address never comes to mean another name. Threads: the holder of the GIL.
-/// Guarantee: a handle may be out of date; the question that takes it says so.
+/// Guarantee: a handle may be out of date; the question that takes it reports that.
 class NameCache {
 public:
     NameCache() = default;

@@ -253,7 +253,7 @@ void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>
 /// None stands for the default.
 Policy policy_of(PyObject* object);
 
-/// What the buffer's clock says.
+/// The time of the buffer's clock.
 StampNs now_of(PyObject* buffer);
 
 }  // namespace tfdb::python

@@ -9,8 +9,8 @@
 namespace tfdb::python {
 namespace {
 
-/// A function of nanobind's or of Python's that says what it is, called as that one is. Of a call
-/// that does not fit its parameters it says why, in our words.
+/// A function of nanobind or Python with a signature, called as the wrapped one. A call that does
+/// not fit its parameters raises an error in our words.
 struct MethodObject {
     PyObject_HEAD PyObject* made;  // kept for ever, as its class or module is
     vectorcallfunc call;
@@ -36,7 +36,7 @@ nb::object misfit(PyObject* made, PyObject* const* args, std::size_t count, PyOb
     return describe(nb::handle(made), nb::tuple(given), names, nb::str(said));
 }
 
-/// Says in our words what a TypeError says of the arguments. One with a traceback came from within
+/// Rewords a TypeError about the arguments. One with a traceback came from within
 /// the function, and stays as it is.
 void reword(PyObject* made, PyObject* const* args, std::size_t count, PyObject* keywords) {
     nb::python_error raised;  // it takes what is set

@@ -1,4 +1,4 @@
-// What classes and methods that nanobind makes say of themselves.
+// Signatures of the classes and methods that nanobind makes.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -29,7 +29,7 @@ void refuse_construction(Class& type, const char* how) {
         nb::sig("def __init__(self) -> None"));
 }
 
-/// A class that `tfdb` offers, and that says so.
+/// A class that `tfdb` offers, with `tfdb` as its module.
 template <class Class, class... Rest>
 Class offered_class(nb::module_& module, const char* name, const char* doc, Rest&&... rest) {
     const nb::object own = module.attr("__name__");

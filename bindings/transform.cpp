@@ -33,7 +33,7 @@ TransformObject& as_transform(PyObject* object) {
 constexpr std::array kUsedNames = {"static",  "exact",        "interpolated", "held",
                                    "nearest", "extrapolated", "latest"};
 
-/// What a report says of each edge: (child, parent, used, before, after, inverted).
+/// A report's row of each edge: (child, parent, used, before, after, inverted).
 nb::tuple edge_rows(TransformObject& self) {
     nb::list rows;
     Py_ssize_t name = 0;

@@ -45,7 +45,7 @@ CoreObject& core_of(PyObject* self) {
     return *reinterpret_cast<CoreObject*>(self);
 }
 
-/// The same for one call: what it uses stays, whatever runs meanwhile.
+/// The same for one call: what it uses stays alive meanwhile.
 class Using {
 public:
     explicit Using(PyObject* self) {
@@ -117,7 +117,7 @@ bool is_plain_timeout(PyObject* timeout) {
     return seconds >= 0.0 && clock::nanoseconds_from_seconds(seconds).has_value();
 }
 
-/// Forgets what a plain answer failed with: the method in Python says it.
+/// Forgets the error of a plain answer: the method in Python raises it.
 void forget(nb::python_error& error) {
     if (!error.matches(PyExc_Exception) || error.matches(PyExc_MemoryError)) {
         throw nb::python_error(std::move(error));

@@ -55,7 +55,7 @@ struct RefusedMember {
     std::string reason;
 };
 
-/// What an error knows. Only the fields that the code's class documents are filled.
+/// The fields of an error. Only those that the code's class documents are filled.
 struct ErrorDetail {
     std::string target;                 // frame asked for
     std::string source;                 // frame asked from

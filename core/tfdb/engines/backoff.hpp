@@ -10,7 +10,7 @@
 
 namespace tfdb::sync {
 
-/// What a thread can do to wait without being told.
+/// Waits of a thread without a notification.
 /// Threads: any. Guarantee: `sleep` returns after about so long, also if a signal comes.
 class ThreadPause {
 public:

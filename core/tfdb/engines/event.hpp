@@ -46,7 +46,7 @@ public:
         word_.notify_all();
     }
 
-    /// Returns once `ready()` says true: spins a little, then sleeps.
+    /// Returns once `ready()` is true: spins a little, then sleeps.
     template <class Ready>
     void await(Ready ready) {
         for (int i = 0; i < Spins; ++i) {

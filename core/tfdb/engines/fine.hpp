@@ -38,7 +38,7 @@ private:
 };
 
 /// Every frame as it is when it is looked at.
-/// Threads: the session's only. Guarantee: each frame by itself is of one moment, no two are.
+/// Threads: the session's only. Guarantee: each frame is of one state; two frames may be of two.
 template <class Session>
 class FineView : public SnapshotView<typename Session::Memory> {
     using Base = SnapshotView<typename Session::Memory>;

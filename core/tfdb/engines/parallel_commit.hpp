@@ -78,7 +78,7 @@ template <class Memory>
     return fits;
 }
 
-/// Appends the samples for which there is room. The caller holds the frames for writing, from
+/// Appends the samples that find memory. The caller holds the frames for writing, from
 /// before `context` got its ticket.
 template <class Memory>
 void append_beside(const graph::Frames<Memory>& frames, const history::WriteContext& context,

@@ -38,7 +38,7 @@ private:
     std::uint64_t word_ = 0;
 };
 
-/// Calls visit(slot) for each bit of a frame lock's holders, as long as it says true.
+/// Calls visit(slot) for each bit of a frame lock's holders, while it returns true.
 template <class Visit>
 [[nodiscard]] bool all_of_holders(std::uint64_t holders, Visit visit) {
     for (; holders != 0; holders &= holders - 1) {

@@ -8,9 +8,9 @@ namespace tfdb::sync {
 /// A lock and a version in one word: bit 0 locked, bit 1 a thread waits, the version above. After
 /// S. Tu et al., "Speedy Transactions in Multicore In-Memory Databases" (2013).
 /// Threads: any read; only its holder may store what it guards, and unlock.
-/// Guarantee: all but `lock` are wait-free. If `unchanged` says yes, all that was loaded between
-/// `version` and it is of one moment. Of two that each lock one frame and then ask whether the
-/// other's is unchanged, at most one is told yes.
+/// Guarantee: all but `lock` are wait-free. If `unchanged` is true, all that was loaded between
+/// `version` and it is of one state. Of two that each lock one frame and then ask whether the
+/// other's is unchanged, at most one gets true.
 template <class Word, int Spins = 100>
 class BasicVersionLock {
 public:

@@ -1,5 +1,6 @@
 // The arithmetic of batches over one block of stamps, once per instruction set. An edge's samples
-// are read where they lie: slots of eight words, a word that tells whose sample it is and its pose.
+// are read where they lie: slots of eight words, a word with the sample's commit and parent, and
+// its pose.
 //
 // The poses are, bit for bit, those of slerp.hpp and pose.hpp composed edge by edge: upward on each
 // side of a path, then one side with the inverse of the other.

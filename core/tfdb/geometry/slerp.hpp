@@ -1,5 +1,5 @@
 // From one pose to the next: linear in the translation, slerp in the rotation. For any kind of
-// number that pose.hpp knows, so that one lookup and a batch of many give the same bits.
+// number type of pose.hpp, so that one lookup and a batch of many give the same bits.
 //
 // Slerp without trigonometry. Put f_u(x) = sin(u th) / sin(th) with x = cos(th) - 1. It solves the
 // Gegenbauer equation (1 - c^2) f'' - 3 c f' + (u^2 - 1) f = 0 in c = cos(th), regular at c = 1,

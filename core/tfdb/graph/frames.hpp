@@ -11,7 +11,7 @@
 namespace tfdb::graph {
 
 /// The place of the headers, and which frame lives in which commits.
-/// Threads: reads any; whatever stores, only the holder of the commit lock.
+/// Threads: reads any; stores only the holder of the commit lock.
 /// Guarantee: reads are wait-free.
 template <class Memory>
 class Frames {
@@ -34,7 +34,7 @@ public:
     [[nodiscard]] typename Memory::Word& store_word(StoreWord w) const {
         return memory_->word(root_ + 8 * w);
     }
-    /// One of the words with which this process says what it reads: see Pins.
+    /// One of this process's pin words: see Pins.
     [[nodiscard]] typename Memory::Word& pin_word(StoreWord first, unsigned w) const {
         if constexpr (requires { memory_->pins(); }) {
             if (typename Memory::Word* const pins = memory_->pins(); pins != nullptr)

@@ -43,7 +43,7 @@ enum StoreWord : unsigned {
 /// Words of one set of pins, with those that keep two sets in different cache lines.
 inline constexpr unsigned kPinWords = 8;
 
-/// The word that says where the name table is. The version makes a block that was freed and used
+/// The word that leads to the name table. The version makes a block that was freed and used
 /// again a different word.
 struct TableWord {
     static constexpr unsigned kVersionBits = 24;

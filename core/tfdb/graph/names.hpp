@@ -55,8 +55,8 @@ template <class Memory>
 }
 
 /// Multiply and fold, a word at a time; the constant is the golden ratio's. A product's low bits
-/// know nothing of its factor's high ones, and tables are entered by the low bits: hence the folds.
-/// `word_at(i)`: the bytes from the i-th on, as `name_word` gives them.
+/// know nothing of its factor's high ones, and tables are entered by the low bits, which the folds
+/// mix. `word_at(i)`: the bytes from the i-th on, as `name_word` gives them.
 template <class WordAt>
 std::uint64_t hash_words(std::size_t size, WordAt word_at) {
     constexpr std::uint64_t kGolden = 0x9E3779B97F4A7C15ULL;
@@ -166,7 +166,7 @@ public:
     [[nodiscard]] Offset name_block(FrameId id) const {
         return memory::inside(*memory_, frames_.word(id, history::kName).load_acquire());
     }
-    /// How many bytes there are; none where it cannot be a name.
+    /// Its length in bytes; none for an invalid name.
     [[nodiscard]] std::uint64_t stored_size(Offset block) const {
         const std::uint64_t size = memory_->word(block).load_relaxed();
         return size <= kMaxNameBytes ? size : 0;

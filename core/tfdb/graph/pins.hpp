@@ -78,7 +78,7 @@ private:
     static constexpr unsigned kHint = 2 * kCounts;  // which count the next one goes to
     static_assert(kHint < kPinWords - 1, "they fit where they are kept, and leave the last word");
 
-    /// An empty count, if there is one.
+    /// An empty count, if one is left.
     [[nodiscard]] unsigned choose() const {
         const unsigned hint = in_range(word(kHint).load_relaxed());
         if (count(hint).load_relaxed() == 0)

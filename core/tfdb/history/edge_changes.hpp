@@ -37,7 +37,7 @@ struct EdgeChange {
 
 /// The samples that an edge got after commit `since`.
 /// Threads: one that holds the commit lock, so that the edge has no other writer.
-/// Guarantee: wait-free. Never misses a change; may tell one that was taken back.
+/// Guarantee: wait-free. Never misses a change; may report one that was taken back.
 template <class Memory>
 class EdgeChanges : private EdgeSegments<Memory> {
 public:

@@ -36,7 +36,7 @@ inline constexpr AsOf kAsItIs{kMaxCommit, kMaxCommit};
 ///
 /// Threads: each thread makes its own; any number beside the one writer.
 ///
-/// Guarantee: wait-free. What was read counts only if `confirm` says so afterwards; every
+/// Guarantee: wait-free. What was read counts only if `confirm` is true afterwards; every
 /// function that returns false, and a failed `confirm`, mean "overtaken by the writer: read again".
 template <class Memory>
 class EdgeView {
@@ -68,7 +68,7 @@ public:
     }
 
     [[nodiscard]] bool empty() const { return !newest_; }
-    /// May be newer than the snapshot: then it says less.
+    /// May be newer than the snapshot: then it is less exact.
     [[nodiscard]] std::uint64_t topology() const { return topology_; }
     [[nodiscard]] bool is_static() const { return newest_ && newest_.stamp == kStaticStamp; }
     /// It had samples, and has none since a clear.
@@ -277,7 +277,7 @@ private:
             end_ = directory().end();
             begin_ = directory().begin(end_);
         }
-        // What is evicted is told before.
+        // Evictions are announced before.
         forgotten_ = word(kForgotten).load_relaxed();
     }
     /// The version before the last clear, or one before that. Where that clear was taken back, its
@@ -363,7 +363,7 @@ private:
                       segment.end(),
                       guess_at(static_cast<double>(stamp - first), rate, segment.begin()), stamp);
     }
-    /// Before the first sample with a greater stamp, and behind some sample if there is one.
+    /// Before the first sample with a greater stamp, and behind some sample if one exists.
     [[nodiscard]] Spot locate(StampNs stamp) const {
         std::uint64_t k = directory().find(begin_, end_, {*memory_, tail_}, stamp);
         for (;;) {

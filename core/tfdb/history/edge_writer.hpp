@@ -40,7 +40,7 @@ public:
     virtual void held(std::uint64_t bytes) = 0;
 };
 
-/// The commit in progress, as far as edges need to know it.
+/// The part of the commit in progress that edges need.
 /// Threads: the writer's. Guarantee: asks `readers` as little as it can, for that costs a fence.
 class WriteContext {
 public:
@@ -99,7 +99,7 @@ void store_sample(Memory& memory, const Segment<Memory>& into, std::uint64_t ind
 
 using memory::Line;
 
-/// Releases what waits in a line beyond `keep` bytes. True: there is more.
+/// Releases what waits in a line beyond `keep` bytes. True: more is waiting.
 template <class Memory>
 bool reclaim(Memory& memory, const WriteContext& context, Line line, std::size_t keep) {
     if (memory.retired_bytes(line) <= keep)

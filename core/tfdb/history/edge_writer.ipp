@@ -130,7 +130,7 @@ void EdgeWriter<Memory>::append_behind(const WriteContext& context, std::size_t 
                           [&](std::size_t i) -> decltype(auto) { return sample(done + i); });
 }
 
-/// As many as there is room for in one segment; returns how many.
+/// As many as fit into one segment; returns their number.
 template <class Memory>
 template <class Sample>
 std::size_t EdgeWriter<Memory>::fill_tail(const WriteContext& context, std::size_t count,

@@ -18,7 +18,7 @@ using clock::StampNs;
 /// touches of it.
 enum HeaderWord : unsigned {
     kTail = 0,         // the segment with the newest samples: see SegmentWord
-    kDirectory = 1,    // block that lists the segments before the tail, 0 if there are none
+    kDirectory = 1,    // block that lists the segments before the tail, or 0
     kTopology = 2,     // the one parent, flags, depth hint: see Topology
     kSince = 3,        // older snapshots see the version at kOlder instead
     kBorn = 4,         // commit that made the frame << kFrameBits | generation
@@ -71,7 +71,7 @@ struct Tuning {
     static constexpr unsigned kFirstNamesLog2 = 6;  // entries of the first name table
 };
 
-/// The word that tells most of what a path needs to know about a frame.
+/// The word with most of what a path needs of a frame.
 struct Topology {
     static constexpr std::uint64_t kParentMask = kNoFrame;
     static constexpr std::uint64_t kMixedParents = 1ULL << 20;  // ask the samples for the parent

@@ -19,7 +19,7 @@ struct SegmentWord {
         return block / memory::kLineBytes << 28 | std::uint64_t{log2} << 24 | begin << 12 | count;
     }
     static constexpr Offset block(std::uint64_t word) { return (word >> 28) * memory::kLineBytes; }
-    /// The same with low bits that say nothing: for `inside`, which leaves them out.
+    /// The same with unused low bits, for `inside`, which leaves them out.
     static constexpr Offset near_block(std::uint64_t word) {
         return word >> (28 - std::countr_zero(memory::kLineBytes));
     }
@@ -220,7 +220,7 @@ enum DirectoryWord : unsigned {
 template <class Memory>
 class Directory {
 public:
-    /// What a node says of its samples holds in states from `changed` on; none is older than
+    /// A node's figures hold in states from `changed` on; none is older than
     /// `least`.
     struct Node {
         Extent extent;
@@ -255,7 +255,7 @@ public:
     [[nodiscard]] StampNs first(std::uint64_t k) const {
         return as_stamp(first_word(k).load_relaxed());
     }
-    /// How many entries there is room for.
+    /// The capacity in entries.
     [[nodiscard]] std::uint64_t capacity() const {
         return memory::most_entries(*memory_, word(kDirCapacity).load_relaxed());
     }

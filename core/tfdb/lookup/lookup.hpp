@@ -113,7 +113,7 @@ template <View V>
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
-/// What is asked of the path in the newest tree.
+/// Which ends of the common times in the newest tree are wanted.
 enum class Common : std::uint8_t { kNewest, kOldestToo };
 
 template <View V>
@@ -255,7 +255,7 @@ template <View V>
 
 namespace detail {
 
-/// At a stamp, or at the latest common time if there is none: `quick(lookup, stamp)` in the common
+/// At a stamp, or at the latest common time without one: `quick(lookup, stamp)` in the common
 /// case, else the general code.
 template <View V, class Quick>
 [[nodiscard]] Outcome quick_or_general(const V& view, FrameId target, FrameId source,
@@ -283,7 +283,7 @@ template <View V, class Quick>
 
 }  // namespace detail
 
-/// T[target<-source] at a stamp, or at the latest common time if there is none.
+/// T[target<-source] at a stamp, or at the latest common time without one.
 template <View V>
 [[nodiscard]] Outcome lookup(const V& view, FrameId target, FrameId source,
                              std::optional<StampNs> stamp, const Policy& policy, Answer& answer,

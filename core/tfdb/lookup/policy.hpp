@@ -16,7 +16,7 @@ enum class PolicyKind : std::uint8_t {
     kPrevious,     // newest sample at or before the stamp; limit = max age
     kNearest,      // closest sample; limit = tolerance
     kExtrapolate,  // interpolate, and beyond the ends by at most `limit` at constant velocity
-    kLatest,       // each edge's own newest sample, whatever the stamp
+    kLatest,       // each edge's own newest sample, at any stamp
 };
 
 inline constexpr StampNs kNoLimit = std::numeric_limits<StampNs>::max() / 4;

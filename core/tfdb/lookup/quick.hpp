@@ -528,7 +528,7 @@ private:
     std::vector<EdgeUse>& down_uses_ = answer_.target_edges;
 };
 
-/// Policies of which the quick code knows the common case.
+/// Policies whose common case the quick code answers.
 [[nodiscard]] inline bool quick_policy(const Policy& policy) {
     return policy.kind == PolicyKind::kInterpolate || policy.kind == PolicyKind::kLatest;
 }

@@ -20,7 +20,7 @@ struct Selection {
     StampNs anchor_stamp = -1;
     StampNs second_stamp = -1;
     Used used = Used::kStatic;
-    bool refused = false;  // then `code` says why
+    bool refused = false;  // then `code` is the reason
     ErrorCode code = ErrorCode::kExtrapolation;
     int direction = 0;
 };

@@ -23,7 +23,7 @@ inline void strip_common(std::vector<FrameId>& a, std::vector<FrameId>& b) {
     }
 }
 
-/// Cuts both chains at the first frame of `up` that `down` has too; false if there is none. Where a
+/// Cuts both chains at the first frame of `up` that `down` has too; false if it has none. Where a
 /// policy chooses a parent for each edge by itself, chains may run past the lowest one.
 inline bool cut_at_meeting(std::vector<FrameId>& up, std::vector<FrameId>& down) {
     constexpr std::size_t kFewPairs = 4096;

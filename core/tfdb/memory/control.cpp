@@ -241,7 +241,7 @@ bool Control::is_held_elsewhere() const noexcept {
     return pid != 0 && pid != ::getpid();
 }
 
-/// Any other kind of mutex would not tell of deaths, or might end the process.
+/// Any other kind of mutex would not report deaths, or might end the process.
 bool Control::is_mutex() const noexcept {
     static const MutexWords fresh = fresh_mutex();
     const auto* const words = reinterpret_cast<const std::uint32_t*>(mutex());

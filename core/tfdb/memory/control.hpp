@@ -15,9 +15,9 @@ namespace tfdb::memory {
 /// A small file beside the data: the lock that writers of all processes take, and slots for the
 /// processes with the pins of what it reads. Read-only processes may still write here.
 ///
-/// The lock is a robust mutex: the kernel hands it on when its holder dies, and says so. A slot is
-/// its process's as long as that has its byte of the file locked, which the kernel ends as well; so
-/// both work across pid namespaces, and no pid is ever taken for another process's.
+/// The lock is a robust mutex: the kernel hands it on when its holder dies, and reports that. A
+/// slot is its process's as long as that has its byte of the file locked, which the kernel ends as
+/// well; so both work across pid namespaces, and no pid is ever taken for another process's.
 /// Threads: any; the lock is a process's own, so its threads take turns before they come here.
 /// Guarantee: `pins` is wait-free; the lock blocks.
 class Control {

@@ -192,7 +192,7 @@ void NewFrozenFile::publish(std::vector<std::uint64_t> front, std::size_t bytes,
     if (::fsync(file_) != 0 || ::rename(made_.c_str(), path_.c_str()) != 0)
         fail(errno);
     published_ = true;
-    // The name, too. Where a file system knows no such thing, it is as safe as that makes it.
+    // The name as well, where the file system supports that.
     const std::size_t slash = path_.rfind('/');
     const std::string folder = slash == std::string::npos ? "." : path_.substr(0, slash + 1);
     if (const File opened(::open(folder.c_str(), O_RDONLY | O_CLOEXEC)); opened.get() >= 0)

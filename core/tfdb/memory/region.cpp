@@ -98,7 +98,7 @@ bool Region::is_new() const noexcept {
     return end() <= kFirstBlock && word(kFileWord).load_relaxed() == 0;
 }
 
-/// Whether it can be one that was allocated: what is read from a damaged file may say anything.
+/// Whether it can be an allocated block: a damaged file may hold any number.
 bool Region::is_block(Offset offset, std::size_t bytes) const noexcept {
     const Offset end = this->end();
     return offset % kLineBytes == 0 && offset >= kFirstBlock && offset < end &&

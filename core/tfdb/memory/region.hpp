@@ -91,7 +91,7 @@ public:
     void extend(Offset end) noexcept;
     [[nodiscard]] std::size_t capacity() const noexcept { return reserved_; }
 
-    /// Where this process says what it reads (see graph::Pins); null: in the region itself.
+    /// This process's pin words (see graph::Pins); null: those of the region.
     [[nodiscard]] Word* pins() const noexcept { return pins_; }
     void set_pins(Word* pins) noexcept { pins_ = pins; }
 

@@ -98,7 +98,7 @@ bool lock_as_maker(int control) {
     return ::fcntl(control, F_OFD_SETLK, &lock) == 0;
 }
 
-/// Of the store that has this name; 0: there is none.
+/// Of the store that has this name; 0 without one.
 std::uint64_t id_at(const std::string& path) {
     const File file(::open(path.c_str(), O_RDONLY | kOpened));
     std::array<std::uint64_t, kIdWord + 1> words{};

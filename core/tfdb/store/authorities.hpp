@@ -24,13 +24,13 @@ public:
     /// Before the first read: `newest` is the word of the region that leads to the list.
     void share(memory::Region& region, sync::Word& newest);
 
-    /// The number of a name, a new one if need be: where the names are shared, only the holder of
-    /// the commit lock asks, and it throws CapacityExceeded.
+    /// The number of a name, a new one where necessary: where the names are shared, only the holder
+    /// of the commit lock asks, and it throws CapacityExceeded.
     [[nodiscard]] std::uint64_t id(std::string_view name);
     /// None: it was dropped, so no frame has it any more.
     [[nodiscard]] std::optional<std::string> name(std::uint64_t id);
 
-    /// Whether there are so many names that those which no frame has should go.
+    /// Whether the names are so many that unused ones should go.
     [[nodiscard]] bool crowded() const noexcept {
         return count_.load_relaxed() > most_.load_relaxed();
     }

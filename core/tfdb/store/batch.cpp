@@ -122,7 +122,7 @@ void put_in_order(std::span<const StampNs> stamps, std::size_t begin, Workspace&
 }
 
 /// `emit(begin, rows, count)` consumes the block's poses of so many stamps: from `begin` on, or of
-/// `rows` if that is not null. A mark that is not kPlain then says that there is none.
+/// `rows` if that is not null. A row without a pose has another mark than kPlain.
 template <class Emit>
 class BatchRun {
 public:
@@ -224,7 +224,7 @@ private:
         }
         if (!refused_)
             return Outcome::kOk;
-        // The first one says why.
+        // The first one gives the reason.
         const Outcome why = look_up(view, request_.stamps[*refused_]);
         return why == Outcome::kOk ? Outcome::kLapped : why;
     }
@@ -234,7 +234,7 @@ private:
                               space_.answer, space_.failure);
     }
 
-    /// The block's poses, and marks where there is none. False: overtaken.
+    /// The block's poses, and marks of rows without one. False: overtaken.
     [[nodiscard]] bool evaluate(std::size_t count) {
         const std::size_t whole = geometry::round_up_to_group(count);
         const StampNs* const stamps = space_.stamps;
@@ -381,7 +381,7 @@ struct Points {
 
 }  // namespace
 
-/// Runs a batch on this reader's state, and throws what the first refused stamp says.
+/// Runs a batch on this reader's state, and throws the error of the first refused stamp.
 /// `emit(space, begin, rows, count)`: see BatchRun.
 template <class Emit>
 void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,

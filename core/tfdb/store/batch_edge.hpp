@@ -14,7 +14,7 @@ namespace tfdb::store {
 enum class Mark : std::uint8_t {
     kPlain,    // by the kernels
     kRefused,  // not at all: the policy gives some edge no pose, on this path
-    kSingle,   // by a lookup of its own, which knows every case
+    kSingle,   // by a lookup of its own, which handles every case
 };
 
 /// Threads: one. Guarantee: wait-free, no allocation. What `find` and the kernels read counts only

@@ -39,7 +39,7 @@ inline constexpr std::size_t kConcurrencies = 7;
 
 /// "snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo".
 [[nodiscard]] std::string_view concurrency_name(Concurrency concurrency);
-/// Throws InvalidArgument, naming those that there are.
+/// Throws InvalidArgument, which names the valid ones.
 [[nodiscard]] Concurrency concurrency_of(std::string_view name);
 
 /// What no store takes in a transform: InvalidTransform, InvalidStamp, InvalidName. Nothing where
@@ -69,7 +69,7 @@ struct SharedUse {
     std::int64_t lock_timeout_ns = 0;
     std::size_t size = 0;         // bytes that it may grow to
     std::uint64_t repairs = 0;    // writers that died amid a commit, which was taken back
-    std::uint64_t processes = 0;  // that have it open, this one included; 0: cannot be told
+    std::uint64_t processes = 0;  // that have it open, this one included; 0: unknown
 };
 
 /// What is known of a frozen store.
@@ -107,13 +107,13 @@ struct FrameInfo {
     std::uint64_t late = 0;  // samples that came out of order, in the newest state
 };
 
-/// How far two walks come that only go where there is data at a stamp: one from the source up to
-/// its root, or to the target, and one from the target up to where the first ended.
+/// The ends of two walks along edges with data at a stamp: one from the source up to its root or
+/// to the target, and one from the target up to the first one's end.
 struct Reach {
     enum End : std::uint8_t {
         kMet,      // they meet
         kApart,    // both end at roots
-        kGap,      // one ends at an edge without data; of two such edges the target's is told
+        kGap,      // one ends at an edge without data; of two such edges the target's
         kNowhere,  // a frame does not exist
     };
     End end = kMet;
@@ -237,9 +237,9 @@ public:
     /// True while the handle's slot has not been reused, also if its frame is gone.
     [[nodiscard]] bool is_current(FrameHandle handle) const noexcept;
 
-    /// False: `failure` says why, nothing is thrown and nothing allocated; `raise` turns it into
-    /// the typed error with names. Edges older than now - max_age fail as kStale. The answers to
-    /// kCommonTime and kCovered are `answer.stamp` and, as its other end, `answer.oldest`.
+    /// False: `failure` has the reason, nothing is thrown and nothing allocated; `raise` turns it
+    /// into the typed error with names. Edges older than now - max_age fail as kStale. The answers
+    /// to kCommonTime and kCovered are `answer.stamp` and, as its other end, `answer.oldest`.
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) const;
     using LookupsByName::ask;
     /// Throws the typed error of a failed question.
@@ -442,7 +442,7 @@ public:
     [[nodiscard]] std::vector<EndedWait> ended_waits(std::optional<std::int64_t> timeout_ns) const;
     /// The same, but takes none: any thread may take them by `ended_waits(0)`.
     void await_ended_waits(std::optional<std::int64_t> timeout_ns) const;
-    /// Throws what says that a wait was ended so.
+    /// Throws the error of a wait that ended so.
     [[noreturn]] void raise_ended_wait(WaitEnd end) const;
     /// Ends all waits, and those to come.
     void end_waits() const;

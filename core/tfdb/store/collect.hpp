@@ -91,7 +91,7 @@ template <lookup::View V>
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
-/// What an outline says of a frame's edge, its parent's name aside.
+/// Fills in an edge's outline; its parent's name is left out.
 inline void fill_from(const Outline& outline, FrameInfo& info) {
     info.is_static = outline.is_static;
     info.cleared = outline.cleared;

@@ -32,7 +32,7 @@ public:
     /// As Reads::parent_of.
     [[nodiscard]] virtual std::optional<std::string> parent_of(std::string_view name,
                                                                std::optional<StampNs> stamp) = 0;
-    /// As the reads of these names. False: `failure` says why.
+    /// As the reads of these names. False: `failure` has the reason.
     [[nodiscard]] virtual bool velocity(const VelocityQuestion& question, Twist& twist,
                                         Asked& asked, Failure& failure) = 0;
     [[nodiscard]] virtual bool path_stamps(std::string_view target, std::string_view source,

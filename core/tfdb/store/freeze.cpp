@@ -56,7 +56,7 @@ public:
     [[nodiscard]] std::uint64_t word(Offset block) const {
         return SegmentWord::pack(block, log2_, 0, count_);
     }
-    /// Samples per ns; 0 where that says nothing.
+    /// Samples per ns; 0 if it is meaningless.
     [[nodiscard]] double rate() const {
         const StampNs span = node_.extent.last - node_.extent.first;
         return span > 0 ? static_cast<double>(count_ - 1) / static_cast<double>(span) : 0.0;

@@ -1,4 +1,4 @@
-// The stored stamps of a path, of whatever view.
+// The stored stamps of a path, in any view.
 #pragma once
 
 #include <algorithm>

@@ -31,7 +31,7 @@ struct FrameRef {
 struct Question {
     enum Kind : std::uint8_t {
         kAt,          // T[target<-source] at `stamp`, none: the latest common time
-        kCan,         // whether kAt has an answer; which one is not said
+        kCan,         // whether kAt has an answer
         kFull,        // T[target at stamp <- source at source_stamp] by way of `fixed`
         kLatest,      // from each edge's newest sample, none older than now - max_age
         kCommonTime,  // the newest stamp at which the path has data

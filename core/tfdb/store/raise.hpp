@@ -1,4 +1,4 @@
-// The errors of transactions, with the names that people know.
+// The errors of transactions, with frame names.
 #pragma once
 
 #include <functional>

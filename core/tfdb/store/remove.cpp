@@ -1,4 +1,4 @@
-// Removing frames: those that are named, in one commit, whatever their order.
+// Removes frames by name in one commit, in any order.
 #include <algorithm>
 #include <mutex>
 

@@ -51,7 +51,7 @@ inline void check_room(std::span<const StampNs> stamps, Layout layout, std::span
     check_apart(bytes_of(stamps), bytes_of(out), "the stamps");
 }
 
-/// Throws InvalidArgument unless there is one stamp for each point or one for all, and `out` is the
+/// Throws InvalidArgument unless each point has a stamp or all share one, and `out` is the
 /// points themselves or lies apart from them, and from the stamps.
 template <class Real>
 void check_points(const Real* points, std::size_t stride, std::size_t count,

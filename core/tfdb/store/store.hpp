@@ -46,7 +46,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
 
     /// What the region of a store looks like in this program, as a number.
     [[nodiscard]] static std::uint64_t layout();
-    /// The forest in a region, made if there is none. Throws CapacityExceeded, CorruptStore.
+    /// The forest in a region, made where it is missing. Throws CapacityExceeded, CorruptStore.
     [[nodiscard]] static graph::Frames<StoreMemory> forest_in(StoreMemory& memory,
                                                               const BufferOptions& options);
 
@@ -78,7 +78,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     [[nodiscard]] bool keeps_too_much() const;
     /// Starts a commit. The caller holds the commit lock; no other writer is active.
     [[nodiscard]] StoreCommit start_commit();
-    /// `author`: what `authorities.id` said since the commit was started.
+    /// `author`: a result of `authorities.id` since the commit was started.
     void set_author(FrameId id, std::uint64_t author) {
         auto& word = frames.word(id, history::kAuthority);
         if (word.load_relaxed() != author)
@@ -124,7 +124,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options);
     void join();
     void note_reads();
-    /// A child of a fork says what it reads in a slot of its own.
+    /// A forked child takes a slot of its own for its pins.
     void forked() noexcept override;
     /// Of this process, made when first asked for.
     [[nodiscard]] Waits& waits() const;
@@ -133,7 +133,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     [[noreturn]] void throw_orphaned() const;
 
     std::unique_ptr<memory::SharedFile> shared;  // null: of this process alone
-    // Where this process cannot tell writers what it reads.
+    // For a process whose pins writers cannot see.
     std::unique_ptr<std::array<sync::Word, 2 * graph::kPinWords>> unseen_pins;
     mutable sync::Word own_commit_event{};  // of a store of this process alone
     sync::Word& commit_event;               // notified behind each commit

@@ -1,4 +1,4 @@
-// A transaction in the session of some engine, with the names and errors that people know.
+// A transaction in the session of some engine, with frame names and typed errors.
 #pragma once
 
 #include <algorithm>

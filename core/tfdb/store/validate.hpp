@@ -1,4 +1,4 @@
-// What a write must satisfy, and the errors that say what it does not.
+// The conditions of a write, and the errors of those that it breaks.
 #pragma once
 
 #include <cmath>

@@ -181,7 +181,7 @@ void Waits::reopen() {
         closed_.reset();
 }
 
-/// False: it is at its end already, as `how` says.
+/// False: it has ended already, with `how`.
 bool Waits::add(Wait& wait) {
     if (looks_.empty()) {
         seen_ = store_.committed();
@@ -297,7 +297,7 @@ void Waits::climb(FrameId from, std::vector<FrameId>& frames) const {
     const std::uint32_t count = store_.frames.count();
     if (from >= count)
         frames.push_back(kBirths);
-    // A commit that is under way may close a circle for a moment.
+    // A commit that is under way may close a cycle for a short time.
     for (std::uint32_t steps = 0; from < count && steps <= count; ++steps) {
         frames.push_back(from);
         const std::uint64_t topology = store_.frames.topology(from);

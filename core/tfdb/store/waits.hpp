@@ -35,7 +35,7 @@ private:
 /// The waits of one process on one store. The leading thread reads the change feed and
 /// repeats the question of each wait whose path a commit touched, or whose missing frame it made.
 /// Threads: any. Guarantee: `wait` and `ended` block, the others only against each other. Each
-/// wait ends once, as `WaitEnd` says.
+/// wait ends once, with a `WaitEnd`.
 class Waits {
 public:
     /// `commit_event`: notified behind each commit.

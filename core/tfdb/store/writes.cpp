@@ -223,7 +223,7 @@ bool store_columns(Store& store, const EdgeColumns& columns, std::string_view au
     return publish(store, commit, authority, rows.mended(), number);
 }
 
-/// The same one by one, for whatever is not so plain.
+/// The rows as members, for the general way.
 std::vector<TransformView> members_of(const EdgeColumns& columns) {
     std::vector<TransformView> members;
     members.reserve(columns.stamps.size());
@@ -291,7 +291,7 @@ private:
     }
 
     /// Writes what is good so far, looks for cycles, takes it all back. True if some members were
-    /// to be left out; `all` leaves out whatever could be part of a cycle.
+    /// to be left out; `all` leaves out every possible part of a cycle.
     bool leave_out_some(bool all) {
         if (good_.empty())
             return false;

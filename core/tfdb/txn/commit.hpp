@@ -85,7 +85,7 @@ public:
         return names_.find(name, number());
     }
 
-    /// The frame of that name, made if there is none. Throws CapacityExceeded.
+    /// The frame of that name, made where it is missing. Throws CapacityExceeded.
     [[nodiscard]] FrameId frame(std::string_view name) {
         const FrameId found = find_frame(name);
         if (found != kNoFrame) {
@@ -129,7 +129,7 @@ public:
         const FrameId old_parent = history::Topology::parent(edge.topology());
         relate(child, sample, edge.newest(), item);
         edge.append(context_, sample);
-        // Otherwise the feed says so already.
+        // Otherwise the feed has it already.
         if (old_parent != sample.parent)
             touched(child).one = true;
         hint_depth(child, old_parent, sample.parent);

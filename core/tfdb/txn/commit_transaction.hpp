@@ -18,13 +18,13 @@ namespace tfdb::txn {
 struct CommitOutcome {
     enum Kind : std::uint8_t {
         kCommitted,
-        kConflict,  // `conflict` says why; kNone there: the engine gave it up
+        kConflict,  // `conflict` is the reason; kNone there: the engine gave it up
         kCycle,     // `child` would be its own ancestor
     };
     Kind kind = kCommitted;
     CommitNumber commit = 0;  // its number, or that of the state that was read
     ReadConflict conflict;
-    FrameId child = kNoFrame;  // as the transaction knows them
+    FrameId child = kNoFrame;  // by the transaction's ids
     FrameId parent = kNoFrame;
     clock::StampNs stamp = history::kNoStamp;
     std::uint32_t authority = 0;

@@ -41,7 +41,7 @@ struct CycleScratch {
         clock::StampNs to;
         bool entered;  // what lies above it is being looked at
     };
-    struct Mark {  // what one search knows of a frame
+    struct Mark {  // a frame in one search
         std::uint64_t search = 0;
         clock::StampNs from = 0;  // within [from, to) all above it was looked at
         clock::StampNs to = 0;
@@ -114,7 +114,8 @@ public:
         return !cycles.empty();
     }
 
-    /// Every relation that could be part of a cycle, after a search: without them there is none.
+    /// Every relation that could be part of a cycle, after a search: without them the batch has no
+    /// cycle.
     void suspects(std::vector<Cycle>& cycles) const {
         cycles.clear();
         for (const auto& relation : scratch_.relations) {

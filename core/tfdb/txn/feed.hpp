@@ -115,7 +115,7 @@ public:
         if (!is_whole(first))
             return false;
         for (const std::uint64_t found : entries) {
-            // Only what was damaged says more than there is room for.
+            // Only a damaged word gives more than the ring holds.
             if (words.size() + FeedEntry::words(found) > kWords)
                 return false;
             for (std::uint64_t at = FeedEntry::first(found); at < FeedEntry::end(found); ++at)
@@ -191,7 +191,7 @@ private:
         Memory::fence_release();
     }
 
-    /// Gives up the oldest commits. False: this one is larger than the ring, or there is none.
+    /// Gives up the oldest commits. False: this one is larger than the ring, or none is left.
     [[nodiscard, gnu::noinline]] bool make_room() {
         if (!feed_.is_kept() || FeedEntry::words(entry_) == FeedEntry::kTooLarge)
             return false;

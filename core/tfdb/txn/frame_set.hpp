@@ -16,7 +16,7 @@ public:
     [[nodiscard]] bool contains(FrameId id) const {
         return id < entries_.size() && entries_[id].round == round_;
     }
-    /// Of a frame that it contains: what `insert` was told.
+    /// The value that `insert` got for a frame.
     [[nodiscard]] std::uint32_t place(FrameId id) const { return entries_[id].place; }
     /// False: it was there.
     bool insert(FrameId id, std::uint32_t place = 0) {

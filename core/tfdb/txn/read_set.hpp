@@ -22,7 +22,7 @@ namespace tfdb::txn {
 struct ReadConflict {
     enum Kind : std::uint8_t {
         kNone,
-        kEdge,      // `change` says how
+        kEdge,      // with `change`
         kRemoved,   // the frame
         kNewName,   // a frame of `name`, which did not exist
         kChildren,  // the frame has other children

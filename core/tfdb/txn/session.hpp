@@ -17,7 +17,7 @@ enum class Mode : std::uint8_t { kBesideOthers, kAlone };
 /// attempts. All but `pause` happen between `begin` and `end`; the destructor ends what is open.
 ///
 /// A lookup: begin, read through `view`, `confirm`, end. Where `view` answers kLapped or `confirm`
-/// says no, the attempt is given up: end(false), pause, begin again.
+/// is false, the attempt is given up: end(false), pause, begin again.
 /// A write beside others: begin, `lock` the frames, `confirm`, append with `take_ticket`,
 /// end(true). Anything else: begin(kAlone), or `become_alone` once it turns out to be needed, then
 /// txn::Commit.
@@ -38,7 +38,7 @@ concept Session = requires(S session, const S& constant, Mode mode, std::span<co
     /// snapshot, where reads come from one).
     { session.confirm() } -> std::same_as<bool>;
     /// A commit n such that everything read since `begin` is as commit n left it. Valid only if
-    /// `confirm` then says yes.
+    /// `confirm` is then true.
     { session.read_as_of() } -> std::same_as<CommitNumber>;
     /// Gets frames (ascending, each once) for writing. False: give up.
     { session.lock(frames) } -> std::same_as<bool>;

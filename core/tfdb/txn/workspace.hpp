@@ -17,9 +17,9 @@
 
 namespace tfdb::txn {
 
-/// What a write must know of its edge.
+/// The state of an edge that a write depends on.
 struct EdgeKind {
-    bool written = false;  // there are samples
+    bool written = false;  // it has samples
     bool is_static = false;
     clock::StampNs newest = history::kNoStamp;
 };

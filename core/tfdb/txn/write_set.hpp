@@ -17,7 +17,7 @@
 
 namespace tfdb::txn {
 
-/// The commit that samples of a transaction seem to have before there is one.
+/// The commit number of a transaction's samples before its commit.
 inline constexpr CommitNumber kOwnCommit = kMaxCommit - 1;
 /// The generation of a frame that a transaction has made: none that a slot can have.
 inline constexpr std::uint32_t kOwnGeneration = kNoFrame + 1;
@@ -163,7 +163,7 @@ public:
         const std::uint32_t place = places_.find(child);
         return place == FramePlaces::kNone ? nullptr : &edges_[place];
     }
-    /// `base`: the parent that the store knows, or kNoFrame; `depth`: hint of the sample's parent.
+    /// `base`: the parent in the store, or kNoFrame; `depth`: hint of the sample's parent.
     void put(FrameId child, const Sample& sample, FrameId base, std::uint32_t depth) {
         std::uint32_t place = places_.find(child);
         if (place == FramePlaces::kNone)

@@ -26,7 +26,7 @@ public:
     [[nodiscard]] bool next() noexcept;
     /// Whether the record at `at` goes beyond the chunk's end.
     [[nodiscard]] bool is_broken() const noexcept { return at_ < chunk_.size(); }
-    /// Where the record begins, and how long it says that its content is.
+    /// The record's begin, and the length in its header.
     [[nodiscard]] std::size_t at() const noexcept { return at_; }
     [[nodiscard]] std::uint64_t length() const noexcept { return length_; }
 

@@ -38,7 +38,7 @@ void write_mcap_message(Writer to, std::uint32_t channel, std::uint64_t time,
                         std::span<const std::byte> data) {
     constexpr std::size_t kHead = 2 + 4 + 8 + 8;
     to.number(McapRecords::kMessage, 1).number(kHead + data.size(), 8);
-    // Recorders of tf number no messages, and know no time of publication.
+    // Recorders of tf write neither sequence numbers nor publication times.
     to.number(channel, 2).number(0, 4).number(time, 8).number(time, 8).bytes(data);
 }
 

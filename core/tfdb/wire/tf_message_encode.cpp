@@ -77,7 +77,7 @@ std::size_t checked_size(std::span<const TransformView> transforms) {
 }
 
 // One message being written into zeroed bytes of the size that checked_size() gave.
-// Threads: one. Guarantee: writes what it is told, skips over padding, cannot fail.
+// Threads: one. Guarantee: skips over padding, cannot fail.
 template <Layout kLayout>
 class Writer {
 public:
