@@ -70,11 +70,11 @@ Mapping Mapping::of_file(int file, std::size_t bytes, bool writable, std::string
         if (mapped != MAP_FAILED)
             ::munmap(mapped, reserved);
         ::close(file);
-        const std::string why = error == ENOMEM ? "it needs " + std::to_string(reserved) +
-                                                      " bytes of addresses; " + kMoreAddresses
-                                                : std::generic_category().message(error);
+        const std::string reason = error == ENOMEM ? "it needs " + std::to_string(reserved) +
+                                                         " bytes of addresses; " + kMoreAddresses
+                                                   : std::generic_category().message(error);
         throw CapacityExceeded("cannot map " + std::to_string(bytes) + " bytes of " + name + ": " +
-                               why);
+                               reason);
     }
     return {static_cast<std::byte*>(mapped), bytes, reserved, file, std::move(name)};
 }

@@ -74,7 +74,7 @@ void Authorities::enter(std::string_view name, std::uint64_t id) {
 
 void Authorities::list(std::string_view name, std::uint64_t id) {
     if (id > kMostShared) {
-        throw CapacityExceeded("the store knows " + std::to_string(kMostShared) +
+        throw CapacityExceeded("the store has " + std::to_string(kMostShared) +
                                " authorities already: use fewer names");
     }
     const Offset block = region_->allocate(Listed::bytes(name.size()));

@@ -225,8 +225,8 @@ private:
         if (!refused_)
             return Outcome::kOk;
         // The first one gives the reason.
-        const Outcome why = look_up(view, request_.stamps[*refused_]);
-        return why == Outcome::kOk ? Outcome::kLapped : why;
+        const Outcome refusal = look_up(view, request_.stamps[*refused_]);
+        return refusal == Outcome::kOk ? Outcome::kLapped : refusal;
     }
 
     Outcome look_up(const StoreView& view, StampNs stamp) {

@@ -213,7 +213,7 @@ private:
     detail.newest = static_cast<std::int64_t>(newest);
     detail.commit = safe;
     throw FeedLapped("changes since commit " + std::to_string(since) +
-                         " are no longer known: the feed reaches back to commit " +
+                         " are no longer kept: the feed reaches back to commit " +
                          std::to_string(oldest) +
                          ", which is overwritten next; take a snapshot (the newest commit is " +
                          std::to_string(newest) + ") and follow from its commit, or go on from " +

@@ -325,7 +325,7 @@ private:
     /// New frames have ids from the top downward, until they meet those of the store.
     void check_room(std::size_t unknown) {
         if (unknown != 0 && this->writes().made() + unknown + store_.frames.count() > kMaxFrames)
-            throw CapacityExceeded("a transaction cannot make so many frames: there is room for " +
+            throw CapacityExceeded("a transaction cannot make so many frames: a store holds " +
                                    std::to_string(kMaxFrames) + " in all");
     }
 

@@ -44,7 +44,7 @@ public:
         noted_ = 0;
         places_.clear();
         absent_.clear();
-        listings_.clear();
+        children_.clear();
         every_frame_ = false;
     }
     /// Whether it is worth to be kept for the next transaction.
@@ -86,7 +86,7 @@ public:
     void note_absent(std::string_view name) { absent_.emplace(name); }
     /// The frame's children by newest parents, ascending; none needs no search at the end.
     void note_children(FrameId id, std::vector<FrameId> children) {
-        listings_.emplace_back(id, std::move(children));
+        children_.emplace_back(id, std::move(children));
     }
 
     /// Whether commit `now` differs from commit `since` in anything that was read. `edges` false:
@@ -168,7 +168,7 @@ private:
         ChildIndex index;
         bool built = false;
         std::vector<FrameId> found;
-        for (const auto& [id, children] : listings_) {
+        for (const auto& [id, children] : children_) {
             found.clear();
             const bool any = frames.word(id, history::kChildren).load_relaxed() != 0;
             if (any && !built) {
@@ -189,7 +189,7 @@ private:
     FramePlaces places_;
     std::size_t last_ = 0;
     std::unordered_set<std::string> absent_;
-    std::vector<std::pair<FrameId, std::vector<FrameId>>> listings_;
+    std::vector<std::pair<FrameId, std::vector<FrameId>>> children_;
     bool every_frame_ = false;
 };
 
