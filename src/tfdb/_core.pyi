@@ -1594,7 +1594,7 @@ class CoreCalls:
         transform
             A `geometry_msgs/TransformStamped` of any library.
         authority
-            Who writes.
+            Name of the writer.
 
         Raises TypeError for other messages. What is wrong with the store, not with the
         transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.
