@@ -30,7 +30,7 @@ REJECTED_IN_NAMES = re.compile(
     r"\b(?:who|whose|whoever|what|whatever|nobody|somebody|everybody|is no"
     r"|tells?|told|says?|said|knows?)\b"
 )
-DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/[!c]*.md", "docs/howto/*.md")
+DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/*.md", "docs/howto/*.md")
 PYTHON = ("src/**/*.py",)
 TESTS = ("tests/**/*.py",)
 CPP = ("core/**/*.?pp", "bindings/**/*.?pp")
