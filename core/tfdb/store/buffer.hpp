@@ -25,7 +25,7 @@ using geometry::Pose;
 using lookup::EdgeUse;
 using wire::TransformView;
 
-/// How lookups, writes and transactions that run at once are kept apart: see txn/engine.hpp.
+/// How concurrent lookups, writes and transactions are isolated: see store/engine.hpp.
 enum class Concurrency : std::uint8_t {
     kSnapshot,   // the default: reads from snapshots, one commit at a time
     kGiant,      // one mutex for everything, as in tf2
@@ -42,37 +42,37 @@ inline constexpr std::size_t kConcurrencies = 7;
 /// Throws InvalidArgument, which names the valid ones.
 [[nodiscard]] Concurrency concurrency_of(std::string_view name);
 
-/// What no store takes in a transform: InvalidTransform, InvalidStamp, InvalidName. Nothing where
-/// some store may take it.
+/// The error of a transform that every store refuses: InvalidTransform, InvalidStamp, InvalidName.
+/// Nothing where some store may take it.
 [[nodiscard]] std::optional<Error> fault_of(const TransformView& transform, std::size_t index,
                                             bool is_static, std::string_view authority);
 
 struct BufferOptions {
-    std::optional<StampNs> history_ns = 10 * clock::kNanosPerSecond;  // none: keep everything
+    std::optional<StampNs> history_ns = 10 * clock::kNanosPerSecond;  // none: unlimited
     std::uint32_t max_frames = kMaxFrames;
-    std::optional<std::size_t> memory_limit;             // bytes, none: what the machine has
+    std::optional<std::size_t> memory_limit;             // bytes; none: all of the machine's
     std::size_t snapshot_memory = std::size_t{1} << 30;  // growth that held snapshots may cause
     Concurrency concurrency = Concurrency::kSnapshot;
 };
 
-/// How a store that processes share is made.
+/// Options of a new shared store.
 struct ShareOptions {
     std::size_t size = std::size_t{1} << 30;  // bytes that it may grow to; pages come as it grows
     unsigned mode = 0600;                     // permissions of its files
     std::int64_t group = -1;                  // of its files; -1: that of the process
 };
 
-/// What is known of a store that processes share.
+/// Properties of a shared store.
 struct SharedUse {
     std::string path;
     bool writable = false;
     std::int64_t lock_timeout_ns = 0;
     std::size_t size = 0;         // bytes that it may grow to
-    std::uint64_t repairs = 0;    // writers that died amid a commit, which was taken back
-    std::uint64_t processes = 0;  // that have it open, this one included; 0: unknown
+    std::uint64_t repairs = 0;    // commits taken back after their writer's death
+    std::uint64_t processes = 0;  // with it open, this one included; 0: unknown
 };
 
-/// What is known of a frozen store.
+/// Properties of a frozen store.
 struct FrozenUse {
     std::string path;
     std::size_t size = 0;  // bytes of its file
@@ -86,14 +86,14 @@ struct Store;  // what a Buffer and its Snapshots share: store.hpp
 /// In place of a snapshot's commit: each read is of the newest state.
 inline constexpr CommitNumber kNewest = ~CommitNumber{0};
 
-/// Why no frame may have that name ("is empty"); null if one may.
+/// The fault of an invalid frame name ("is empty"); null for a valid one.
 [[nodiscard]] const char* name_fault(std::string_view name) noexcept;
 inline constexpr const char* kNameRule =
     ": a name has 1 to 1024 bytes of UTF-8 and no control characters";
 
 }  // namespace store
 
-/// What is known of one frame in one snapshot.
+/// One frame in one snapshot.
 struct FrameInfo {
     std::string name;
     std::optional<std::string> parent;  // newest parent; none for a root
@@ -102,7 +102,7 @@ struct FrameInfo {
     StampNs oldest = -1;        // -1: no moving samples
     StampNs newest = -1;
     StampNs longest_gap = 0;
-    bool cleared = false;    // it had samples, which were dropped, and has none since
+    bool cleared = false;    // its samples were dropped, and none came since
     std::string authority;   // the last writer, in the newest state
     std::uint64_t late = 0;  // samples that came out of order, in the newest state
 };
@@ -117,10 +117,10 @@ struct Reach {
         kNowhere,  // a frame does not exist
     };
     End end = kMet;
-    StampNs stamp = 0;  // that was walked at
+    StampNs stamp = 0;  // of the walks
     std::string edge;   // kGap: its child
     StampNs oldest = -1;
-    StampNs newest = -1;  // its data; -1: it had some, and was cleared
+    StampNs newest = -1;  // its data; -1: it was cleared
 };
 
 struct Samples {
@@ -130,22 +130,22 @@ struct Samples {
 };
 
 struct MemoryUse {
-    std::size_t used_bytes = 0;   // handed out to samples, names and tables
-    std::size_t free_bytes = 0;   // kept for reuse
-    std::size_t frames = 0;       // frame slots in use, 192 bytes each
-    std::size_t samples = 0;      // samples that are stored, also those that are no longer retained
-    std::size_t frame_bytes = 0;  // frames * header size
+    std::size_t used_bytes = 0;       // handed out to samples, names and tables
+    std::size_t free_bytes = 0;       // kept for reuse
+    std::size_t frames = 0;           // frame slots in use, 192 bytes each
+    std::size_t samples = 0;          // stored samples, those beyond the history included
+    std::size_t frame_bytes = 0;      // frames * header size
     std::size_t authority_bytes = 0;  // names of writers, beside `used_bytes`
 };
 
 struct Counters {
     std::uint64_t commits = 0;
-    std::uint64_t normalised = 0;    // quaternions that were off by more than 1e-9 and mended
-    std::uint64_t lapped_reads = 0;  // single lookups that took a fresh snapshot
-    std::uint64_t pinned_reads = 0;  // ... that in the end pinned their state
+    std::uint64_t normalised = 0;    // quaternions normalised, off by more than 1e-9
+    std::uint64_t lapped_reads = 0;  // single lookups that began again
+    std::uint64_t pinned_reads = 0;  // ... and in the end pinned their state
     std::uint64_t aborts = 0;        // transactions that ended without a commit, conflicts included
     std::uint64_t conflicts = 0;     // transactions aborted by a conflicting commit
-    std::uint64_t retries = 0;       // lookups and writes that the engine had to begin again
+    std::uint64_t retries = 0;       // lookups and writes that the engine repeated
     std::uint64_t lock_waits = 0;    // waits for a frame's lock
 };
 
@@ -154,7 +154,7 @@ struct Twist {
     geometry::Vec3 angular;  // rad/s
 };
 
-/// What one commit did. Frames have the names that they had then.
+/// What one commit did. Frames have their names of that commit.
 struct Changes {
     /// Samples T[parent<-child] of one edge, in stamp order.
     struct Edge {
@@ -163,21 +163,21 @@ struct Changes {
         std::vector<std::string> parents;  // one for each sample
         std::vector<StampNs> stamps;       // -1 for a static pose
         std::vector<Pose> poses;
-        std::uint64_t gone = 0;  // samples that the commit stored and that are no longer kept
+        std::uint64_t gone = 0;  // samples of the commit that are no longer kept
     };
     CommitNumber commit = 0;
     std::vector<Edge> stored;
     std::vector<std::string> made;     // frames that are new
     std::vector<std::string> moved;    // existing frames with another parent, or none
-    std::vector<std::string> cleared;  // whose samples were dropped, before what was stored
+    std::vector<std::string> cleared;  // frames whose samples were dropped before `stored`
     std::vector<std::string> removed;
     std::vector<std::string> passing;  // made and removed; samples of others may name them
 };
 
-/// What a write may do beyond adding samples, and what it may not do.
+/// Exceptions to the rules of a write.
 struct WriteRules {
-    /// A moving edge may become static and a static one moving: the samples that it has are dropped
-    /// in the same commit. Its frame stays, and so do the frames below it.
+    /// A moving edge may become static and a static one moving: its samples are dropped in the
+    /// same commit. Its frame and the frames below it stay.
     bool change_kind = false;
     /// A stamp that the edge has already, or an earlier member of the batch, is refused as
     /// RepeatedStamp: the first value stays. Not for static transforms, which have no stamp.
@@ -232,7 +232,7 @@ class Snapshot;
 /// the commit lock; `frame_info` and `tree` share a lock with writers that bring a new authority.
 class Reads : public store::LookupsByName<Reads> {
 public:
-    /// Frame by name. False if the snapshot has no such frame. Throws SnapshotTooOld.
+    /// Finds a frame by name. False if the snapshot lacks it. Throws SnapshotTooOld.
     [[nodiscard]] bool find_frame(std::string_view name, FrameHandle& out) const;
     /// True while the handle's slot has not been reused, also if its frame is gone.
     [[nodiscard]] bool is_current(FrameHandle handle) const noexcept;
@@ -263,7 +263,7 @@ public:
         FrameRef from{.name = source};
         lookup_many(into, from, stamps, policy, layout, missing, out);
     }
-    /// The same of frames that have names, and perhaps handles; it sets the handles.
+    /// The same for frames with names, and perhaps handles; it sets the handles.
     void lookup_many(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
                      Policy policy, Layout layout, Missing missing, std::span<double> out) const;
     /// p_target = T[target<-source](stamp of the point) p_source; strides in elements. One stamp
@@ -292,8 +292,8 @@ public:
     /// All frames with the parents that they have at `stamp` (none: newest), sorted by name.
     [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp = std::nullopt) const;
     [[nodiscard]] Samples samples(std::string_view name) const;
-    /// At a stamp, which may also be negative; none: the latest common time. At 0, of a path that
-    /// does not move, edges that do have their newest parents.
+    /// At a stamp, which may be negative; none: the latest common time. At stamp 0 of a static
+    /// path, moving edges have their newest parents.
     [[nodiscard]] Reach reach(std::string_view target, std::string_view source,
                               std::optional<StampNs> stamp) const;
     /// Name of a frame used in an answer; "(removed)" if its slot was reused since.
@@ -346,9 +346,9 @@ public:
     /// Throws InvalidArgument (history <= 0, max_frames 0 or > kMaxFrames), CapacityExceeded.
     explicit Buffer(const BufferOptions& options = {});
 
-    /// Makes a store for processes to share: a file of a memory file system, such as in /dev/shm,
-    /// and a control file beside it. It is there whole or not at all. Throws InvalidArgument (also:
-    /// a size too small for its frames), StoreExists, NoSuchStore (no such folder), ReadOnly,
+    /// Makes a shared store: a file of a memory file system, such as in /dev/shm, and a control
+    /// file beside it. Other processes see it whole or not at all. Throws InvalidArgument (also: a
+    /// size too small for its frames), StoreExists, NoSuchStore (missing folder), ReadOnly,
     /// CapacityExceeded.
     static void create(const std::string& path, const ShareOptions& share = {},
                        const BufferOptions& options = {});
@@ -358,17 +358,17 @@ public:
                                      std::int64_t lock_timeout_ns = 10 * clock::kNanosPerSecond);
     /// Removes it; processes that have it open go on. Throws NoSuchStore, CorruptStore, ReadOnly.
     static void unlink(const std::string& path);
-    /// None for a store of this process alone, and for a frozen one.
+    /// None for a private store, and for a frozen one.
     [[nodiscard]] std::optional<SharedUse> shared() const;
 
-    /// Opens a frozen store, which is read-only. `verify`: read all of it and compare it
-    /// with its checksum; otherwise only what stands at its front. Throws NoSuchStore, CorruptStore
+    /// Opens a frozen store, which is read-only. `verify`: compare all of it with
+    /// its checksum, otherwise its header alone. Throws NoSuchStore, CorruptStore
     /// (also: damaged, of another version or machine), ReadOnly (no permission to read),
     /// CapacityExceeded.
     [[nodiscard]] static Buffer open_frozen(const std::string& path, bool verify = false);
     /// As `Snapshot::freeze`: the newest state.
     void freeze(const std::string& path, std::string_view origin = {}, bool in_place = false) const;
-    /// None for a store that can be written to, here or elsewhere.
+    /// None unless the store is frozen.
     [[nodiscard]] std::optional<FrozenUse> frozen() const;
 
     /// Stores the members of a request in one commit. Nothing is stored where it throws:
@@ -401,32 +401,31 @@ public:
     CommitNumber remove_frames(std::span<const std::string_view> names, bool recursive);
     /// Drops all moving samples; frames and static edges stay.
     CommitNumber clear();
-    /// Gives memory that no state needs any more back to the system, what outlived the history
-    /// included, as whole pages. False, and nothing was given back, while an older state than the
-    /// newest is held, or a read goes on that was overtaken again and again; a transaction that is
-    /// open, and the fourth of several snapshots, may be taken for older than they are. The
-    /// time grows with the number of samples and frames; writes wait meanwhile, reads go on. Throws
-    /// ReadOnly, TransactionActive, LockTimeout, CorruptStore.
+    /// Returns unused memory to the system as whole pages, samples beyond the history included.
+    /// False, and nothing was returned, while an older state than the newest is held, or while a
+    /// read that was overtaken again and again goes on. An open transaction, and the fourth of
+    /// several snapshots, may count as older than they are. The time grows with the number of
+    /// samples and frames; writes wait meanwhile, reads go on. Throws ReadOnly, TransactionActive,
+    /// LockTimeout, CorruptStore.
     bool compact();
 
-    /// What the commits after `since` did, one by one in their order; at most `limit` of them. All
-    /// that the newest state shows is told, and while a snapshot of commit `since` or an older one
-    /// is held, all that was stored; of what is no longer kept the record counts how much it was.
-    /// Throws FeedLapped where the feed does not reach back that far (with `since`, the `oldest`
-    /// commit that would have been valid, which is overwritten next, the `newest`, and `commit`,
-    /// from which half of the feed is left to go on), InvalidArgument for a commit that is not
-    /// there yet, TransactionActive, and NotSupported in engines that keep no feed. A frozen
-    /// store's feed is empty.
+    /// The commits after `since` in their order, at most `limit` of them. They contain all samples
+    /// that the newest state shows; while a snapshot of commit `since` or an older one is held, all
+    /// that was stored. `gone` counts the others. A frozen store's feed is empty.
+    ///
+    /// Throws FeedLapped where the feed does not reach back that far. Its fields: `since`; the
+    /// `oldest` valid commit, which is overwritten next; the `newest`; and `commit`, from which
+    /// half of the feed is left. Throws InvalidArgument for a future commit, TransactionActive, and
+    /// NotSupported in engines without a feed.
     [[nodiscard]] std::vector<Changes> changes(CommitNumber since,
                                                std::size_t limit = kNoLimit) const;
     static constexpr std::size_t kNoLimit = ~std::size_t{0};
 
     /// Waits until the question has an answer, which a later write may remove again. False: it had
-    /// none for so long (none: for ever), or `stop_waits` was called. Throws BufferClosed
-    /// (`end_waits` was called), NoSuchStore (its name was removed meanwhile), InvalidName (no
-    /// frame can have it), TransactionActive, and NotSupported in the engines of the research, and
-    /// where this process may not write to the store's control file; and what an Interruption
-    /// throws.
+    /// none within the timeout (none: for ever), or `stop_waits` was called. Throws BufferClosed
+    /// (`end_waits` was called), NoSuchStore (the store was removed meanwhile), InvalidName,
+    /// TransactionActive, and what an Interruption throws. Throws NotSupported in research engines,
+    /// and where this process may not write to the store's control file.
     [[nodiscard]] bool wait_for(const Question& question,
                                 std::optional<std::int64_t> timeout_ns) const;
     /// The same for a commit with a greater number.
@@ -438,7 +437,7 @@ public:
     [[nodiscard]] std::uint64_t begin_wait_for_commit(CommitNumber after) const;
     /// False: it has ended already.
     bool cancel_wait(std::uint64_t number) const;
-    /// Waits until some of those that were begun end, and takes them. None: none did for so long.
+    /// Waits until some of the begun waits end, and takes them. Empty: none ended in that time.
     [[nodiscard]] std::vector<EndedWait> ended_waits(std::optional<std::int64_t> timeout_ns) const;
     /// The same, but takes none: any thread may take them by `ended_waits(0)`.
     void await_ended_waits(std::optional<std::int64_t> timeout_ns) const;
@@ -446,11 +445,11 @@ public:
     [[noreturn]] void raise_ended_wait(WaitEnd end) const;
     /// Ends all waits, and those to come.
     void end_waits() const;
-    /// The same, but each as if its time were over, until it is called with false.
+    /// The same, as if the time of each were over, until it is called with false.
     void stop_waits(bool stop) const;
 
-    /// Throws TransactionActive where this thread has a transaction of the store open: what it
-    /// reads past that would be of another state, and no commit would notice.
+    /// Throws TransactionActive if this thread has a transaction of the store open: a read beside
+    /// it would be of another state, and validation would miss it.
     void check_not_in_transaction() const;
     [[nodiscard]] Snapshot snapshot() const;
     [[nodiscard]] MemoryUse memory() const;
