@@ -43,6 +43,14 @@ WRITES = {
 READS = {"info of a packed file": "info PACKED"}
 
 
+@pytest.fixture(autouse=True)
+def _children_end_on_sighup() -> Iterator[None]:
+    """Under `nohup` the signal is ignored, by children too."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 def environment(folder: Path) -> dict[str, str]:
     return {**os.environ, "TMPDIR": str(folder), "MPLCONFIGDIR": str(folder.parent / "matplotlib")}
 
