@@ -69,7 +69,7 @@ nb::list refusals(const MessageRewriter& self) {
 }
 
 MessageChunk::Format format_of(nb::handle name) {
-    const std::string_view given = option_of(name, "format");
+    const std::string given = option_of(name, "format");
     if (given == "mcap")
         return MessageChunk::Format::kMcap;
     if (given == "bag")
