@@ -20,7 +20,7 @@ from .pose_messages import decode_joint_state, decode_poses
 from .selection import OTHERS, absolute
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from tfdb._core import Buffer, Recorded
     from tfdb.data.types import IngestResult, TransformStamped
@@ -175,6 +175,19 @@ class Rewriter:
     def _made(self, run: Run, *, static: bool) -> Recorded:
         """What is wanted of other messages, as messages of transforms."""
         made = _core.Recorded()
+        for received, id_, _, left in self.remaining(run, static=static):
+            encoded = self.encoded(left, OTHERS) if left else None
+            if encoded is not None:
+                made.add(received, id_, encoded[0])
+        return made
+
+    def remaining(
+        self, run: Run, *, static: bool
+    ) -> Iterator[tuple[int, int, int, list[TransformStamped]]]:
+        """Yield for each message its reception, source, count of transforms, and those kept.
+
+        The error of a message that cannot be read is added to `refusals`.
+        """
         for index in range(run.first, run.last):
             received, id_, data = run.messages[index]
             source = run.sources[id_]
@@ -182,12 +195,8 @@ class Rewriter:
                 given = self.decoded(data, source, received, static=static)
             except TfdbError as error:
                 self.refusals.append(error)
-                continue
-            left = self.transforms(given, source, static=static)
-            encoded = self.encoded(left, OTHERS) if left else None
-            if encoded is not None:
-                made.add(received, id_, encoded[0])
-        return made
+            else:
+                yield received, id_, len(given), self.transforms(given, source, static=static)
 
     def encoded(
         self, transforms: Sequence[TransformStamped], encoding: str
@@ -234,9 +243,6 @@ class Rewriter:
             else one
             for one in given
         ]
-
-    def _renames(self, source: Source) -> bool:
-        return bool(self._choice.renames or self.space(source))
 
     def space(self, source: Source) -> str:
         """The prefix that `by_namespace` gives to the frames of a topic."""
@@ -297,7 +303,7 @@ class Rewriter:
 
     @property
     def model_name(self) -> str:
-        """Who says where the fixed joints are."""
+        """The authority of the fixed joints."""
         return "urdf"
 
     def fixed_joints(self) -> list[TransformStamped]:
@@ -330,7 +336,7 @@ class Rewriter:
         return left
 
     def warn(self, what: str, depth: int) -> None:
-        """Say which options did nothing, or too much; `depth` frames up is who asked for it."""
+        """Warn of options that did nothing, or too much; the caller is `depth` frames up."""
         for message in () if self.joints is None else self.joints.report().complaints():
             warnings.warn(f"{what}: {message}", TfdbWarning, stacklevel=depth)
         choice = self._choice

@@ -7,7 +7,6 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from tfdb import _core
-from tfdb.data.errors import TfdbError
 
 from .load_report import refused_by, warn_of_refused
 from .selection import absolute
@@ -113,26 +112,19 @@ class Rewriting:
     ) -> None:
         """Do it for messages that are not TFMessages."""
         written = self._others
-        for index in range(run.first, run.last):
-            received, id_, data = run.messages[index]
-            source, before = run.sources[id_], len(rewriter.refused_members)
-            try:
-                given = rewriter.decoded(data, source, received, static=static)
-            except TfdbError as error:
-                rewriter.refusals.append(error)
-                written.skipped += 1
-                continue
-            transforms = rewriter.transforms(given, source, static=static)
-            made = rewriter.encoded(transforms, self._writer.encoding)
-            written.refused += len(rewriter.refused_members) - before
+        refused, skipped = len(rewriter.refused_members), len(rewriter.refusals)
+        for received, id_, given, left in rewriter.remaining(run, static=static):
+            made = rewriter.encoded(left, self._writer.encoding)
             if made is None:
-                written.skipped += 1
-            elif given and not transforms:
+                continue
+            if given and not left:
                 written.left_out += 1
             else:
                 out.add(received, id_, made[0])
                 written.messages += 1
                 written.transforms += made[1]
+        written.refused += len(rewriter.refused_members) - refused
+        written.skipped += len(rewriter.refusals) - skipped
 
 
 def rewrite(
