@@ -1,4 +1,4 @@
-// The event count in the C++ memory model: who is never woken shows as a livelock.
+// The engines' event in the C++ memory model: a waiter that is never woken shows as a livelock.
 #include "tfdb/engines/event.hpp"
 
 // After all others: it redefines `assert` and more.

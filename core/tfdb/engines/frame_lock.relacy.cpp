@@ -1,5 +1,5 @@
 // The frame lock and its event in the C++ memory model: what the lock guards is a plain variable,
-// and who is never woken shows as a livelock.
+// and a waiter that is never woken shows as a livelock.
 #include "tfdb/engines/frame_lock.hpp"
 
 #include "tfdb/engines/event.hpp"

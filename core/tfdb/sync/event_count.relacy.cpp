@@ -1,4 +1,4 @@
-// The event in the C++ memory model: who is never woken shows as a livelock.
+// The event count in the C++ memory model: a waiter that is never woken shows as a livelock.
 #include "tfdb/sync/event_count.hpp"
 
 // After all others: it redefines `assert` and more.

@@ -173,8 +173,8 @@ Program looks_too_early() {
     };
 }
 
-/// The event still says that it is listened to when all have been woken: who arms between the two
-/// is forgotten.
+/// The event's bit is still set when all have been woken: a thread that arms between the two is
+/// forgotten.
 struct WakesThenClears : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         const bool rings = (expected & 1) != 0 && (desired & 1) == 0;

@@ -212,7 +212,7 @@ def _timeline(
     if came is not None:
         log = Log.of(came)
         arrivals = {
-            edge.name: plot.Arrivals(edge.stamps, [log.names[who] for who in edge.publishers])
+            edge.name: plot.Arrivals(edge.stamps, [log.names[number] for number in edge.publishers])
             for edge in (each.moving if len(each.moving.stamps) else each for each in log.edges())
         }
     seconds = None if max_gap is None else max_gap / NS

@@ -143,7 +143,7 @@ def _warn(
 ) -> None:
     """Warn of what is hardly meant: the same data again, another clock than that of the rest.
 
-    `depth` frames up is who asked for it.
+    The caller is `depth` frames up.
     """
     after = store.tree()
     if any(i.samples for i in before if not i.is_static) and _extent(before) == _extent(after):

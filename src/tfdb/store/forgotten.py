@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
-    """Say how to keep what a store's history dropped; `depth` frames up is who asked for it."""
+    """Warn of samples that the history dropped, and name ways on; the caller is `depth` up."""
     are = "is" if samples == 1 else "are"
     message = (
         f"{counted(samples, 'sample')} {are} not kept: the store has a history of "
