@@ -87,6 +87,40 @@ def test_prefixes_keep_robots_apart(tool: Tool, tmp_path: Path) -> None:
     assert {"r1/base", "base"} <= set(tfdb.load(out).frames())
 
 
+@pytest.mark.parametrize("prefix", ["", "r/", "/r/"])
+def test_files_of_one_prefix_are_parts_of_one_recording(
+    tool: Tool, tmp_path: Path, prefix: str
+) -> None:
+    one = record(tmp_path / "a.bag", {("map", "base"): range(10)}, {("base", "cam"): 1})
+    other = record(tmp_path / "b.bag", {("map", "base"): range(10)}, {("base", "cam"): 2})
+    out = tmp_path / "both.bag"
+    prefixes = ("--prefix", prefix, "--prefix", prefix.removeprefix("/"))
+    said = tool("merge", one, other, "-o", out, *prefixes, code=2).error
+    assert "2 files state different transforms of cam" in said
+    assert tool("merge", one, one, "-o", out, *prefixes, code=2).error == f"{one} is given twice"
+    assert not out.exists()
+    tool("merge", one, other, "-o", out, *prefixes, "--mix")
+    assert f"{prefix}base".removeprefix("/") in tfdb.load(out).frames()
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_prefixes_that_give_two_frames_one_name_are_refused(
+    tool: Tool, tmp_path: Path, moves: bool
+) -> None:
+    frames = {("map", "base"): range(9)} if moves else {}
+    statics = {} if moves else {("map", "base"): 2}
+    one = record(tmp_path / "a.bag", {("l/map", "l/base"): range(9)})
+    other = record(tmp_path / "b.bag", frames, statics)
+    out = tmp_path / "both.bag"
+    prefixes = ("--prefix", "", "--prefix", "l/")
+    assert tool("merge", one, other, "-o", out, *prefixes, code=2).error == (
+        f"the prefixes give frames of {one} and of {other} one name, 'l/base': "
+        "give another --prefix, or --mix them"
+    )
+    made = tool("merge", one, other, "-o", out, *prefixes, "--mix", "--json").json
+    assert made["messages"] == (18 if moves else 10)
+
+
 def test_parts_that_follow_one_another_are_merged(tool: Tool, tmp_path: Path) -> None:
     parts = [
         record(tmp_path / f"{i}.bag", {("map", "base"): range(i, i + 10)}, {("base", "cam"): 1})

@@ -19,7 +19,7 @@ from .groups import SuggestingCommand
 from .selecting import selection_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from tfdb.recordings.open_recordings import OpenRecordings
@@ -77,19 +77,25 @@ def command(
 
 def _merge(inputs: Sequence[Path], prefixes: Sequence[str], writer: RecordingWriter) -> Written:
     with common.open_selected(inputs) as recordings:
-        if prefixes:
-            robots = [
-                (prefix, [each]) for prefix, each in zip(prefixes, recordings.given, strict=True)
-            ]
-            rewriters = recordings.rewriters(robots)
-        else:
-            each_once(inputs)
-            rewriters = [recordings.rewriter()] * len(inputs)
+        rewriters = _rewriters(recordings, prefixes or [recordings.choice.prefix] * len(inputs))
         _check(recordings, rewriters)
         again = {rewriter: rewriter.again() for rewriter in rewriters}
         with writer, common.progress_bar("merging") as update:
             rewriters = [again[rewriter] for rewriter in rewriters]
             return rewrite(recordings, rewriters, writer, update, by_time=True)
+
+
+def _rewriters(recordings: OpenRecordings, prefixes: Sequence[str]) -> list[Rewriter]:
+    """Make one rewriter for each prefix: the files of one prefix are parts of one recording."""
+    names = [prefix.removeprefix("/") for prefix in prefixes]
+    robots: dict[str, list[Recording]] = {}
+    pairs = zip(names, recordings.given, strict=True)
+    for name, recording in sorted(pairs, key=lambda pair: pair[1].start):
+        robots.setdefault(name, []).append(recording)
+    for files in robots.values():
+        each_once([recording.path for recording in files])
+    made = dict(zip(robots, recordings.rewriters(list(robots.items())), strict=True))
+    return [made[name] for name in names]
 
 
 def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
@@ -111,6 +117,7 @@ def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
         rewriter.warn(", ".join(map(str, named)), 2)
     if recordings.choice.mix:
         return
+    _refuse_collisions(recordings, rewriters, parents)
     by_start = sorted(zip(recordings.given, parents, strict=True), key=lambda pair: pair[0].start)
     edges = {child: parent for _, found in by_start for child, parent in found.items()}
     at, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
@@ -125,6 +132,21 @@ def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
             f"{recordings.names} together make a cycle, {frames}: --prefix keeps their frames "
             "apart, --exclude leaves frames out, --mix merges them"
         ) from None
+
+
+def _refuse_collisions(
+    recordings: OpenRecordings, rewriters: Sequence[Rewriter], parents: Sequence[Iterable[str]]
+) -> None:
+    """Refuse prefixes that give child frames of different files one name."""
+    owners: dict[str, tuple[Rewriter, Recording]] = {}
+    for recording, rewriter, children in zip(recordings.given, rewriters, parents, strict=True):
+        for child in children:
+            owner, other = owners.setdefault(child, (rewriter, recording))
+            if owner is not rewriter:
+                raise click.ClickException(
+                    f"the prefixes give frames of {other.path} and of {recording.path} one name, "
+                    f"{layout.safe(child)!r}: give another --prefix, or --mix them"
+                )
 
 
 def _parents(
