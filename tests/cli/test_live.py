@@ -9,6 +9,7 @@ import sys
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -156,6 +157,46 @@ def test_stamps_go_on_growing(tool: Tool, bag: Path, served: str) -> None:
     shifted = second[len(first) :] - first
     assert (shifted == done["shift_ns"]).all()
     assert tool("check", served).code == 0
+
+
+def test_left_out_messages_take_no_time(
+    tool: Tool, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock that only sleeping moves; moving transforms come once a second for a minute."""
+    path = tmp_path / "a.mcap"
+    with tfdb.recordings.RecordingWriter(path) as writer:
+        for second in range(60):
+            static = second % 30 == 0
+            child = "cam" if static else "base"
+            one = tfdb.TransformStamped(
+                "map", child, second * 10**9, (second, 2, 3), (0, 0.6, 0, 0.8)
+            )
+            data = tfdb.encode_tf_message([one], writer.encoding)
+            writer.write(
+                data, second * 10**9, topic="/tf_static" if static else "/tf", static=static
+            )
+    now = [0.0]
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=sleep)
+    monkeypatch.setattr("tfdb.cli.serve.time", clock)
+    for options, seconds in (
+        ((), 59),
+        (("--start", "51"), 8),
+        (("--end", "4"), 30),
+        (("--end", "4", "--exclude", "cam"), 3),
+        (("--start", "21", "--end", "25"), 9),
+    ):
+        began = now[0]
+        tool("serve", "bag", path, "--into", name, *options)
+        assert now[0] - began == pytest.approx(seconds)
+
+
+def test_a_selection_that_leaves_nothing_is_not_served(tool: Tool, bag: Path, name: str) -> None:
+    said = tool("serve", "bag", bag, "--into", name, "--speed", "inf", "--exclude", "*", code=2)
+    assert said.error == tool("info", bag, "--exclude", "*", code=2).error
 
 
 def test_a_bad_member_costs_its_own(tool: Tool, name: str, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from .selecting import selected, selection_options
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from click.decorators import FC
 
@@ -124,6 +124,8 @@ def bag(
         try:
             player.begin()
             player.play()
+            if rewriter.left_out and not (player.transforms or player.refused):
+                raise tfdb.errors.RecordingError(recordings.names, rewriter.reason())
             rewriter.warn(", ".join(map(str, paths)), 2)
             while loop and player.transforms:
                 player.play()
@@ -323,15 +325,21 @@ class Player:
         """Play them once, one step behind the round before."""
         if self.rounds:
             time.sleep(self._step / NS / self.speed)
-        began, first, last, played = time.monotonic(), None, 0, 0
+        began, first, last, played, moves = time.monotonic(), None, 0, 0, False
         self._shift = None
         for source, received, data in self._messages():
-            first = received if first is None else first
+            is_static = self.recordings.choice.is_static(source)
+            transforms = self._take(source, received, data, static=is_static)
+            if transforms is None:
+                continue
+            if first is None or not (moves or self.rewriter.window[0] is None):
+                began, first = time.monotonic(), received  # what is before `--start` takes no time
             last, played = received, played + 1
+            moves = moves or (bool(transforms) and not is_static)
             wait = began + (received - first) / NS / self.speed - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            self._store(source, received, data)
+            self._store(source, transforms, static=is_static)
         if first is not None and played > 1:
             self._step = max((last - first) // (played - 1), 1)
         self.rounds += 1
@@ -340,42 +348,53 @@ class Player:
         for recording in self.recordings.files:
             yield from recording.messages(self.recordings.choice.wants)
 
-    def _store(self, source: Source, received: int, data: bytes) -> None:
+    def _take(
+        self, source: Source, received: int, data: bytes, *, static: bool
+    ) -> list[TransformStamped] | None:
+        """What is left of a message; None: nothing, or it cannot be read."""
         self.messages += 1
-        is_static = self.recordings.choice.is_static(source)
         before = len(self.rewriter.refused_members)
         try:
-            decoded = self.rewriter.decoded(data, source, received, static=is_static)
-            transforms: Iterable[TransformStamped] = self.rewriter.transforms(
-                decoded, source, static=is_static
-            )
-            if not is_static:
-                transforms = self._shifted(transforms)
-            transforms = list(transforms)
-            if decoded and not transforms:
-                return
+            decoded = self.rewriter.decoded(data, source, received, static=static)
+        except tfdb.TfdbError as error:
+            self._refuse(error)
+            return None
+        unread = self.rewriter.refused_members[before:]
+        self.refused_transforms += len(unread)
+        for each in unread:
+            self._name(type(each).__name__, str(each))
+        transforms = self.rewriter.transforms(decoded, source, static=static)
+        return None if decoded and not transforms else transforms
+
+    def _store(
+        self, source: Source, transforms: Sequence[TransformStamped], *, static: bool
+    ) -> None:
+        if not static:
+            transforms = list(self._shifted(transforms))
+        try:
             refused = self.store.set_transforms(
-                transforms, static=is_static, authority=source.authority, partial=True
+                transforms, static=static, authority=source.authority, partial=True
             )
         except (tfdb.errors.ReadOnly, tfdb.errors.LockTimeout):
             raise
         except tfdb.TfdbError as error:
-            self.refused += 1
-            self.refused_transforms += len(error.refused or ())
-            self._name(type(error).__name__, str(error))
+            self._refuse(error)
             return
         self.transforms += len(transforms) - len(refused)
         self.refused += bool(transforms) and len(refused) == len(transforms)
-        unread = self.rewriter.refused_members[before:]
-        self.refused_transforms += len(refused) + len(unread)
-        for each in unread:
-            self._name(type(each).__name__, str(each))
+        self.refused_transforms += len(refused)
         for member in refused:
             text = member.message
             if self.first_refusal is None and member.error == "StaticConflict":
                 frame = self.rewriter.old_name(transforms[member.index].child)
                 text = way_on(text, frame, self._topics())
             self._name(member.error, text)
+
+    def _refuse(self, error: tfdb.TfdbError) -> None:
+        """Count a message of which nothing is stored."""
+        self.refused += 1
+        self.refused_transforms += len(error.refused or ())
+        self._name(type(error).__name__, str(error))
 
     def _topics(self) -> dict[str, bool]:
         """The topics that are played, and whether each is static."""
