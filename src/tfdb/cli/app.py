@@ -234,8 +234,9 @@ def cli(ctx: click.Context) -> None:
       ros1: or ros1:http://host:port            a live graph of ROS 1, by its master
       ros2: or ros2:7                           a live graph of ROS 2, by its domain
 
-    merge, rename, convert and serve read recordings and trajectories only. convert also reads
-    .tfdb files to write a trajectory or a viewer's file. monitor does not read .tfdb files.
+    merge, rename and serve bag read recordings and trajectories. convert also reads .tfdb files,
+    for a trajectory or a viewer's file. monitor reads all but .tfdb files. The other commands
+    that take a FILE read all of these.
 
     --json prints the result of a command as JSON. Help is text only.
 
