@@ -160,3 +160,25 @@ def test_simulated_time_has_no_date(tool: Tool, tmp_path: Path) -> None:
     assert "UTC" not in tool("info", record(tmp_path / "sim.bag", samples)).out
     real = record(tmp_path / "real.bag", samples, 1_700_000_000 * S)
     assert "2023-11-14 22:13:20.000 to 22:13:22.900 UTC" in tool("info", real).out
+
+
+@pytest.mark.parametrize("command", ["check", "gaps"])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--exclude", "basse"), "exclude: nothing that was read of {} is called 'basse'; did"),
+        (("--rename", "basse:=b"), "rename: nothing was loaded of {} that is called 'basse'; did"),
+        (("--start", "100"), "{}: nothing moves from 100 s, its stamps run from 0 s to 0.4 s"),
+    ],
+)
+def test_options_that_do_nothing_warn(
+    tool: Tool, tmp_path: Path, command: str, options: tuple[str, ...], words: str
+) -> None:
+    path = record(tmp_path / "a.bag", [(i / 10, "map", "base", "/a") for i in range(5)])
+    with RecordingWriter(tmp_path / "b.bag") as writer:
+        still = tfdb.TransformStamped("base", "cam", 0, (1, 2, 3), TURN)
+        data = tfdb.encode_tf_message([still], writer.encoding)
+        writer.write(data, 1, topic="/tf_static")
+    files = (path, tmp_path / "b.bag")
+    found = tool(command, *files, *options).err
+    assert f"tfdb: warning: {words.format(', '.join(map(str, files)))}" in found

@@ -294,9 +294,16 @@ def test_the_cache_keeps_choices_apart(tmp_path: Path) -> None:
         ({"frames": []}, tfdb.InvalidArgument, "frames is empty: name some"),
         ({"frames": {"map", "base_lnk"}}, tfdb.UnknownFrame, "did you mean 'base_link'"),
         ({"frames": "nothing like it"}, tfdb.UnknownFrame, "there are 'base_footprint'"),
-        ({"frames": 3}, tfdb.InvalidArgument, "frames are names, got 3"),
-        ({"exclude": [b"map"]}, tfdb.InvalidArgument, "exclude are names, got b'map'"),
-        ({"exclude": ""}, tfdb.InvalidArgument, "exclude are names, got ''"),
+        ({"mix": "no"}, tfdb.InvalidArgument, "mix is True or False, got 'no'"),
+        ({"by_namespace": ""}, tfdb.InvalidArgument, "by_namespace is True or False, got ''"),
+        (
+            {"frames": ["odom", "map"], "exclude": "ma*"},
+            tfdb.UnknownFrame,
+            r"frames: frame 'map' is left out by exclude=\['ma\*'\]",
+        ),
+        ({"frames": 3}, tfdb.InvalidArgument, "frames must be names, got 3"),
+        ({"exclude": [b"map"]}, tfdb.InvalidArgument, "exclude must be names, got b'map'"),
+        ({"exclude": ""}, tfdb.InvalidArgument, "exclude must be names, got ''"),
         (
             {"exclude": "*"},
             tfdb.errors.RecordingError,
@@ -313,9 +320,9 @@ def test_the_cache_keeps_choices_apart(tmp_path: Path) -> None:
         ),
         ({"pose_topics": b"/odom"}, tfdb.InvalidArgument, "got a bytes"),
         ({"topics": b"/tf"}, tfdb.InvalidArgument, "got a bytes"),
-        ({"exclude": b"map"}, tfdb.InvalidArgument, "exclude are names, got b'map'"),
+        ({"exclude": b"map"}, tfdb.InvalidArgument, "exclude must be names, got b'map'"),
         ({"rename": "map"}, tfdb.InvalidArgument, "rename maps names to names, got 'map'"),
-        ({"rename": {"map": 1}}, tfdb.InvalidArgument, "rename are names, got 1"),
+        ({"rename": {"map": 1}}, tfdb.InvalidArgument, "rename must be names, got 1"),
         ({"rename": {"map": "odom"}}, tfdb.InvalidArgument, "would both be called 'odom'"),
         ({"prefix": 1}, tfdb.InvalidArgument, "prefix is what to put before names, got a int"),
     ],
@@ -342,7 +349,7 @@ def test_an_offset_where_nothing_moves(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"exclude": ["maap", "odom"]}, "exclude: no frame, topic or node of .* is called 'maap'"),
+        ({"exclude": ["maap", "odom"]}, "exclude: nothing that was read of .* is called 'maap'"),
         ({"rename": {"maap": "world"}}, "rename: nothing was loaded of .* that is called 'maap'"),
         ({"start": "+60"}, r"nothing moves from \S+ s, its stamps run from \S+ s to"),
     ],
@@ -353,11 +360,41 @@ def test_options_that_do_nothing_warn(options: dict[str, Any], words: str) -> No
     assert [Path(each.filename).name for each in caught] == ["test_choice.py"]
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("suffix", [".bag", ".tum"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"exclude": ["map", "odom"]},
+        {"exclude": ["/tf", "/localization"]},
+        {"exclude": ["/tf", "map"]},
+        {"exclude": ["/tf", "/tf:odom"]},
+        {"frames": ["base", "cam"], "exclude": ["map"]},
+    ],
+)
+def test_names_that_are_left_out_by_another_option_do_not_warn(
+    tmp_path: Path, suffix: str, options: dict[str, Any]
+) -> None:
+    path = tmp_path / "a.bag"
+    still = tfdb.TransformStamped("base", "cam", 0, (1, 2, 3), (0, 0.6, 0, 0.8))
+    moving = tfdb.TransformStamped("map", "odom", 10**9, (1, 2, 3), (0, 0.6, 0, 0.8))
+    with tfdb.recordings.RecordingWriter(path) as writer:
+        for one, topic in ((still, "/tf_static"), (moving, "/tf")):
+            data = tfdb.encode_tf_message([one], writer.encoding)
+            writer.write(data, 10**9, topic=topic, authority="/localization" * (one is moving))
+    files = [path]
+    if suffix == ".tum":  # decoded one by one
+        files.append(tmp_path / "b.tum")
+        files[1].write_text("1 1 2 3 0 0.6 0 0.8\n")
+    assert "cam" in tfdb.load(files, **options).frames()
+
+
 CASES = Path(__file__).resolve().parents[1] / "cases"
 
 
 @pytest.mark.parametrize(
-    "entry", ["/tf_static:base_link", "tf_static:base_*", "*_static:base_link"]
+    "entry",
+    ["/tf_static:base_link", "/tf_static:/base_link", "tf_static:base_*", "*_static:base_link"],
 )
 def test_the_edge_of_one_topic_is_left_out(entry: str) -> None:
     buffer = tfdb.load(CASES / "static_and_dyn.mcap", exclude=entry)

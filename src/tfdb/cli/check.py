@@ -96,9 +96,7 @@ def command(
     store (FILE.tfdb) is compared with its checksum first.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
-        loaded, arrivals = examined(files, length)
+    loaded, arrivals = examined(files, length)
     found = [
         *_refused(loaded),
         *_lost(loaded),
@@ -123,9 +121,21 @@ def command(
 
 
 def examined(names: tuple[str, ...], length: int | None) -> tuple[common.Loaded, Arrivals]:
-    """Load what is to be examined, and say what arrived how."""
+    """Load what is to be examined, and say what arrived how; warn only of unused options."""
     if length is not None and not common.is_live(names[0]):
         raise click.UsageError("--for watches what is live: give shm:NAME, ros1: or ros2:")
+    reader = ArrivalReader()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
+        found = _examined(names, length, reader)
+    if reader.found is not None:
+        reader.found.rewriter.warn(", ".join(names), 2, untimed=False)
+    return found
+
+
+def _examined(
+    names: tuple[str, ...], length: int | None, reader: ArrivalReader
+) -> tuple[common.Loaded, Arrivals]:
     from tfdb.judging.follower import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for what is live alone
 
     if any(is_graph(name) for name in names):
@@ -134,7 +144,6 @@ def examined(names: tuple[str, ...], length: int | None) -> tuple[common.Loaded,
         with listening(names[0], history=None) as live, common.progress_bar("watching") as update:
             arrivals = watch_arrivals(live, seconds, update)
             return common.Loaded(live.store.snapshot(), None, names), arrivals
-    reader = ArrivalReader()
     loaded = common.load(names, verify=True, apart=True, arrivals=reader)
     if reader.found is not None:
         return loaded, Arrivals.of(reader.found)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import click
 
-import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_date, format_duration, format_ns
 from tfdb.judging.doctor import holes
@@ -53,9 +51,7 @@ def command(
     Gaps are sorted by the frame tree, then by time. A gap is longer than --max-gap, or than five
     median periods of its edge. Only ROS 1 bags and live graphs name publishers.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tfdb.TfdbWarning)  # 'tfdb check' tells them
-        loaded, arrivals = examined(files, length)
+    loaded, arrivals = examined(files, length)
     loaded.warn_of_mixture()
     order = {row.info.name: i for i, row in enumerate(Forest(loaded.store.tree()).rows())}
     found = holes(arrivals.log, max_gap)

@@ -15,13 +15,14 @@ if TYPE_CHECKING:
 
 
 def check_flag(name: str, value: Any) -> bool:
-    """Return the truth value of an argument. Raises InvalidArgument if it has none."""
-    try:
-        return bool(value)
-    except Exception as error:
-        raise InvalidArgument(
-            f"{name} is True or False, got {shown(value)}", value=value
-        ) from error
+    """Return the truth value of an argument. Raises InvalidArgument for texts, and without one."""
+    cause = None
+    if not isinstance(value, str):  # "no" is true
+        try:
+            return bool(value)
+        except Exception as error:
+            cause = error
+    raise InvalidArgument(f"{name} is True or False, got {shown(value)}", value=value) from cause
 
 
 def check_name(name: str, value: Any) -> str:

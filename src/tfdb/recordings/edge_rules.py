@@ -33,7 +33,11 @@ class EdgeRules:
         """The frames of all edges that were looked at, before they are renamed."""
         self._choice = choice
         self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
-        self._excluded_edges = [(entry, made) for entry, made in self._excluded if ":" in entry]
+        self._excluded_edges = [
+            (entry, _pattern(entry.replace(":/", ":", 1)))
+            for entry in choice.exclude
+            if ":" in entry
+        ]
         self._is_out: dict[str, bool] = {}
         self._numbers: dict[tuple[str, str], int] = {}
         self._sources: list[Source] = []
@@ -67,40 +71,42 @@ class EdgeRules:
         """
         source = self._sources[rule]
         old = self.frames(rule, parent, child)
-        self.seen.update(old)
-        if self.excludes_source(source) or not self.takes(source, *old):
+        is_taken = self.takes(source, *old)
+        if self.excludes_source(source) or not is_taken:
             return None
         return (self.name(old[0]), self.name(old[1])) if parent and child else (parent, child)
 
     def excludes_source(self, source: Source) -> bool:
         """Return whether a topic or its publisher is excluded."""
-        return self._excludes(source.topic) or self._excludes(source.authority)
+        return self._excludes(source.topic, source.authority)
+
+    def excludes_frame(self, frame: str) -> bool:
+        """Return whether a frame is excluded by its name, in every edge."""
+        return self._excludes(frame)
 
     def takes(self, source: Source, parent: str, child: str) -> bool:
         """Return whether an edge of a source that is not excluded is kept."""
         self.seen.update((parent, child))
-        if self.children is not None and child not in self.children:
-            return False
-        if self._excludes(parent) or self._excludes(child):
-            return False
-        return not self._excludes(f"{source.topic}:{child}", edges=True)
+        is_out = self._excludes(parent, child)
+        is_out |= self._excludes(f"{source.topic}:{child}", edges=True)
+        return not is_out and (self.children is None or child in self.children)
 
     def name(self, frame: str) -> str:
         """Return the new name of a frame."""
         return self._choice.prefix + self._choice.rename.get(frame, frame)
 
-    def _excludes(self, name: str, *, edges: bool = False) -> bool:
-        """Whether a name is excluded; `edges`: that of an edge, as only entries with ':' name."""
+    def _excludes(self, *names: str, edges: bool = False) -> bool:
+        """Whether one of names is excluded; `edges`: of edges, as only entries with ':' name."""
         excluded = self._excluded_edges if edges else self._excluded
         if not excluded:
             return False
-        known = self._is_out.get(name)
-        if known is None:
-            plain = name.removeprefix("/")
-            used = {entry for entry, pattern in excluded if pattern.fullmatch(plain)}
-            self.used |= used
-            known = self._is_out[name] = bool(used)
-        return known
+        for name in names:
+            if name not in self._is_out:
+                plain = name.removeprefix("/")
+                used = {entry for entry, pattern in excluded if pattern.fullmatch(plain)}
+                self.used |= used
+                self._is_out[name] = bool(used)
+        return any(self._is_out[name] for name in names)
 
 
 def _pattern(entry: str) -> re.Pattern[str]:

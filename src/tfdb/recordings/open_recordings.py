@@ -9,7 +9,7 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from tfdb import _core
-from tfdb.data.errors import InvalidArgument, RecordingError
+from tfdb.data.errors import InvalidArgument, RecordingError, UnknownFrame
 from tfdb.data.path_checks import check_paths
 from tfdb.data.stamps import format_seconds
 from tfdb.data.suggestions import did_you_mean, no_frame
@@ -21,6 +21,7 @@ from .containers import (
     Source,
     encodings_of,
 )
+from .edge_rules import EdgeRules
 from .recorded_edges import RecordedEdges
 from .recording import Recording
 from .rewriter import Rewriter
@@ -167,6 +168,10 @@ class OpenRecordings:
             found = [self._survey(recordings, step) for _, recordings in robots]
             frames = sorted({frame for edges, _ in found for frame in edges.frames})
             for frame in sorted(set(self.choice.frames or ()) - set(frames)):
+                if EdgeRules(self.choice, None).excludes_frame(frame):
+                    entries = sorted(self.choice.exclude)
+                    text = f"frames: frame {frame!r} is left out by exclude={entries}"
+                    raise UnknownFrame(text, frame=frame)
                 raise no_frame("frames", frame, frames)
             ends = [stamp for edges, _ in found for stamp in edges.span or ()]
             window = window_of(self.choice, (min(ends), max(ends)) if ends else None)

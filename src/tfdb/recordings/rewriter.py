@@ -327,16 +327,19 @@ class Rewriter:
         left = [
             self._renamed(each)
             for each in given
-            if not is_out
-            and self._rules.takes(source, each.parent, each.child)
+            if self._rules.takes(source, each.parent, each.child)
+            and not is_out
             and (static or self._is_inside(each))
         ]
         self._left_out += len(given) - len(left)
         self._moving += 0 if static else len(left)
         return left
 
-    def warn(self, what: str, depth: int) -> None:
-        """Warn of options that did nothing, or too much; the caller is `depth` frames up."""
+    def warn(self, what: str, depth: int, *, untimed: bool = True) -> None:
+        """Warn of options that did nothing, or too much; the caller is `depth` frames up.
+
+        `untimed`: warn also of transforms without a timestamp.
+        """
         for message in () if self.joints is None else self.joints.report().complaints():
             warnings.warn(f"{what}: {message}", TfdbWarning, stacklevel=depth)
         choice = self._choice
@@ -345,7 +348,7 @@ class Rewriter:
             plain = [entry for entry in unused if not set(entry) & set("*?")]
             hint = did_you_mean(plain, self._rules.names)
             message = (
-                f"exclude: no frame, topic or node of {what} is called {first_few(unused)}{hint}"
+                f"exclude: nothing that was read of {what} is called {first_few(unused)}{hint}"
             )
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         known = self._known()
@@ -363,7 +366,7 @@ class Rewriter:
         if self._all_outside() and not self._moving + self._selection.moving:
             message = f"{what}: nothing moves {self._described()}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
-        for topic, count in self.untimed.items():
+        for topic, count in self.untimed.items() if untimed else ():
             message = f"{what}: {describe_untimed(topic, count)}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
 

@@ -416,7 +416,7 @@ def _names(option: str, given: Any) -> tuple[str, ...]:
     several = [given] if one else list(given)
     for name in several:
         if not isinstance(name, str) or not name.strip("/"):
-            raise InvalidArgument(f"{option} are names, got {shown(name)}", value=name)
+            raise InvalidArgument(f"{option} must be names, got {shown(name)}", value=name)
     return tuple(name.removeprefix("/") for name in several)
 
 
