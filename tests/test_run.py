@@ -419,3 +419,57 @@ def nothing(tx: tfdb.Transaction) -> None:
 def test_the_thread_is_free_afterwards(buffer: tfdb.Buffer, call: Callable[[Any], None]) -> None:
     buffer.run(call)
     assert buffer.set_transform("map", "base", 5, (1, 2, 3), TURN) == 2
+
+
+@pytest.mark.parametrize("goes_on", ["writes", "returns"])
+def test_run_tries_again_if_the_function_caught_the_conflict(goes_on: str) -> None:
+    buffer = tfdb.Buffer(history=None, concurrency="2pl-wound-wait")
+    buffer.set_transforms(
+        [tfdb.TransformStamped("map", "base", stamp, (1, 2, 3), TURN) for stamp in (10, 30)]
+    )
+    has_begun, has_read = threading.Event(), threading.Event()
+
+    def older() -> None:
+        with buffer.transaction() as tx:
+            tx.lookup_transform("map", "base", 10)
+            has_begun.set()
+            has_read.wait()
+            tx.set_transform("map", "base", 20, (4, 5, 6), TURN)
+
+    calls: list[float] = []
+
+    def younger(tx: tfdb.Transaction) -> float:
+        calls.append(tx.lookup_transform("map", "base", 20).translation[0])
+        has_read.set()
+        while len(calls) == 1:
+            try:
+                tx.lookup_transform("map", "base", 20)
+            except tfdb.TfdbError:
+                break
+        if goes_on == "writes":
+            tx.set_transform("map", "cup", 20, (1, 2, 3), TURN)
+        return calls[-1]
+
+    thread = threading.Thread(target=older)
+    thread.start()
+    has_begun.wait()
+    try:
+        assert buffer.run(younger) == 4
+    finally:
+        has_read.set()
+        thread.join()
+    assert len(calls) == 2
+    assert buffer.frame_exists("cup") == (goes_on == "writes")
+
+
+def test_a_transaction_that_the_function_ended_is_not_tried_again(buffer: tfdb.Buffer) -> None:
+    calls = []
+
+    def ends(tx: tfdb.Transaction) -> float:
+        calls.append(tx)
+        tx.abort()
+        return value(tx)
+
+    with pytest.raises(tfdb.errors.TransactionClosed, match="aborted"):
+        buffer.run(ends)
+    assert len(calls) == 1

@@ -11,7 +11,7 @@ from collections.abc import AsyncGenerator, Generator
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from tfdb._core import duration_to_nanoseconds
-from tfdb.data.errors import Conflict, InvalidArgument
+from tfdb.data.errors import Conflict, InvalidArgument, TransactionClosed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,8 +52,7 @@ def run_until_won(
         transaction = self._attempt(priority, attempt > LOST_BEFORE_ALONE, age)
         try:
             with transaction:
-                result = fn(transaction)
-                _check_done(result)
+                result = _result_of(fn, transaction)
         except Conflict as error:
             if not transaction._lost:
                 raise  # of another store
@@ -66,6 +65,18 @@ def run_until_won(
         age = transaction._age
         attempt += 1
         time.sleep(wait)
+
+
+def _result_of(fn: Callable[[Transaction], Result], transaction: Transaction) -> Result:
+    """Call `fn`. If it goes on after a conflict that it caught, the conflict is raised again."""
+    try:
+        result = fn(transaction)
+    except TransactionClosed:
+        if transaction._lost:
+            transaction.__exit__(None, None, None)
+        raise
+    _check_done(result)
+    return result
 
 
 def commit_of(self: Buffer, write: Callable[[Transaction], None]) -> int:
