@@ -39,7 +39,8 @@ help:
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make torture          writers of a shared store are killed, its files damaged; TORTURE_SECONDS=$(TORTURE_SECONDS)'
 	@echo 'make histories        processes share a store for HISTORY_SECONDS=$(HISTORY_SECONDS); what they did is judged'
-	@echo 'make proof            every interleaving walk to its end (15 minutes), relacy, histories, torture'
+	@echo 'make proof            every interleaving walk to its end (15 minutes), relacy, histories, torture,'
+	@echo '                      make check with clang-tidy on the tests as well, and its analyser'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make ros2             a real rclpy in .ros2, for the tests of live nodes of ROS 2'
 	@echo 'make docs             site in build/docs: guides, API reference, search'
@@ -90,6 +91,7 @@ test-python: $(STAMPS)/dev
 # Every program there is, with warnings as errors; `make test` then finds them built.
 # Every public name has a type that each checker takes for the same.
 # clang-tidy is not on PyPI for every platform: without it the rest is still checked, except in CI.
+# Tests and their kin, and the paths that its analyser walks, wait for `make proof`.
 check: $(STAMPS)/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -101,7 +103,7 @@ check: $(STAMPS)/dev
 	$(BIN)/python tools/make_stubs.py --check
 	$(BIN)/python tools/check_words.py
 	$(BIN)/python -m pytest -q tests/architecture
-	@if command -v clang-tidy >/dev/null; then $(BIN)/python tools/run_clang_tidy.py build/dev; \
+	@if command -v clang-tidy >/dev/null; then $(BIN)/python tools/run_clang_tidy.py $(TIDY) build/dev; \
 	elif [ "$$CI" = true ]; then echo 'clang-tidy is missing'; exit 1; \
 	else echo 'clang-tidy is missing: not run'; fi
 
@@ -130,8 +132,10 @@ asan-python: $(STAMPS)/dev
 	    tests/test_objects.py tests/test_messages.py tests/wire/test_codec.py \
 	    tests/wire/test_concurrent_changes.py tests/life/test_closing.py tests/tf2/test_messages_made.py
 
-# What `make test` walks with one preemption where a walk is long is walked to its end here.
-proof: $(STAMPS)/venv relacy histories torture
+# What `make test` walks with one preemption where a walk is long is walked to its end here, and what
+# `make check` leaves out is checked.
+proof: TIDY := --all
+proof: $(STAMPS)/venv check relacy histories torture
 	$(CMAKE) --preset dev >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS) --target tfdb_sched
 	build/dev/bin/tfdb_sched --all

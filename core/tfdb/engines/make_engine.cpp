@@ -1,4 +1,4 @@
-// Which engine a store has.
+// Which engine a store has. All are compiled here: what they have in common then is so once.
 #include "tfdb/engines/engine_of.hpp"
 #include "tfdb/engines/fine.hpp"
 #include "tfdb/engines/giant.hpp"
@@ -6,12 +6,6 @@
 #include "tfdb/engines/two_phase.hpp"
 
 namespace tfdb::store {
-
-// Each is compiled beside its session.
-extern template class EngineOf<txn::FineSession<StoreMemory>>;
-extern template class EngineOf<txn::GiantSession<StoreMemory>>;
-extern template class EngineOf<txn::SiloSession<StoreMemory>>;
-extern template class EngineOf<txn::TwoPhaseSession<StoreMemory>>;
 
 std::unique_ptr<Engine> make_engine(store::Store& store) {
     using TwoPhase = EngineOf<txn::TwoPhaseSession<StoreMemory>>;

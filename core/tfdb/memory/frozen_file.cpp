@@ -16,7 +16,7 @@ namespace tfdb::memory {
 namespace {
 
 constexpr std::size_t kHeaderWords = kFrozenHeaderBytes / 8;
-constexpr std::size_t kPart = std::size_t{1} << 17;  // words that are read at once
+constexpr std::size_t kWordsAtOnce = std::size_t{1} << 17;  // words that are read at once
 constexpr std::uint64_t kSeed = 0x54464442;
 
 /// A checksum that goes on over more words. Each step maps sums one to one, and words too: whatever
@@ -56,10 +56,10 @@ bool read_whole(int file, std::span<std::uint64_t> words, std::size_t at) {
 /// Of all behind the header. False: the file ends before.
 bool sum_of_data(int file, std::size_t bytes, std::uint64_t& sum) {
     sum = kSeed;
-    std::vector<std::uint64_t> part(kPart);
+    std::vector<std::uint64_t> part(kWordsAtOnce);
     for (std::size_t at = kFrozenHeaderBytes; at < bytes; at += part.size() * 8) {
         may_end();
-        part.resize(std::min(kPart, (bytes - at) / 8));
+        part.resize(std::min(kWordsAtOnce, (bytes - at) / 8));
         if (!read_whole(file, part, at))
             return false;
         sum = sum_on(sum, part);
@@ -67,7 +67,7 @@ bool sum_of_data(int file, std::size_t bytes, std::uint64_t& sum) {
     return true;
 }
 
-[[noreturn]] void throw_for(int error, const std::string& path) {
+[[noreturn]] void throw_frozen(int error, const std::string& path) {
     const std::string reason = reason_of(error);
     if (error == ENOENT || error == ENOTDIR)
         throw NoSuchStore("no frozen store " + path + ": " + reason +
@@ -112,7 +112,7 @@ SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verif
     File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
     struct stat status {};
     if (file.get() < 0 || ::fstat(file.get(), &status) != 0)
-        throw_for(errno, path);
+        throw_frozen(errno, path);
     if (!S_ISREG(status.st_mode))
         throw_corrupt(path, "not a regular file");
     const auto bytes = static_cast<std::size_t>(status.st_size);

@@ -24,10 +24,9 @@ constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB: if n
 // A process has 128 TiB of addresses. Half of them go to stores that may be large; each takes no
 // more than this part of what is left of that half, so that thousands of stores find room.
 constexpr std::size_t kShared = std::size_t{1} << 46;
-constexpr std::size_t kPart = 256;
+constexpr std::size_t kShareOfStore = 256;
 constexpr const char* kMoreAddresses =
     "raise the process's limit of addresses (ulimit -v), or close other stores";
-constexpr std::size_t kHugePage = std::size_t{1} << 21;
 // Of a file: 2 MiB would take a commit 0.2 ms (measured), and an idle store would hold them.
 constexpr std::size_t kFileStep = std::size_t{1} << 18;
 
@@ -38,7 +37,7 @@ sync::Word g_reserved;  // by all stores of this process
 std::size_t reserve_wanted() {
     const std::size_t taken = g_reserved.load_relaxed();
     const std::size_t left = taken < kShared ? kShared - taken : 0;
-    return std::clamp(std::bit_floor(left / kPart), kFairReserve, kLargestReserve);
+    return std::clamp(std::bit_floor(left / kShareOfStore), kFairReserve, kLargestReserve);
 }
 
 }  // namespace

@@ -8,6 +8,8 @@
 
 namespace tfdb::memory {
 
+inline constexpr std::size_t kHugePage = std::size_t{1} << 21;
+
 /// Mapped addresses, and how they become memory.
 /// Threads: one makes and destroys it; `back` the holder of the region's lock.
 /// Guarantee: what was backed can be written without fail.

@@ -37,7 +37,6 @@ constexpr Offset kGivenBack = kHeads + 8 * kSizeClasses;
 constexpr std::size_t kMostGranules = 4096;
 constexpr Offset kFirstBlock = round_up(kGivenBack + kMostGranules / 8, kLineBytes);
 
-constexpr std::size_t kHugePage = std::size_t{1} << 21;
 // Large blocks at power-of-two distances collide in the caches; three odd lines spread them.
 constexpr std::size_t kSkewFrom = std::size_t{1} << 16;
 constexpr std::size_t kSkewBytes = 3 * kLineBytes;

@@ -11,22 +11,22 @@ namespace {
 constexpr std::uint64_t kNanosPerSecond = 1'000'000'000;
 
 /// Appends little-endian numbers and bytes.
-class Writer {
+class RecordWriter {
 public:
-    explicit Writer(std::vector<std::byte>& to) : to_(to) {}
+    explicit RecordWriter(std::vector<std::byte>& to) : to_(to) {}
 
-    Writer& number(std::uint64_t value, unsigned width) {
+    RecordWriter& number(std::uint64_t value, unsigned width) {
         for (unsigned i = 0; i < width; ++i)
             to_.push_back(static_cast<std::byte>(value >> (8 * i)));
         return *this;
     }
-    Writer& text(std::string_view text) { return bytes(std::as_bytes(std::span(text))); }
-    Writer& bytes(std::span<const std::byte> bytes) {
+    RecordWriter& text(std::string_view text) { return bytes(std::as_bytes(std::span(text))); }
+    RecordWriter& bytes(std::span<const std::byte> bytes) {
         to_.insert(to_.end(), bytes.begin(), bytes.end());
         return *this;
     }
     /// A time of ROS 1: seconds and nanoseconds.
-    Writer& time(std::uint64_t time) {
+    RecordWriter& time(std::uint64_t time) {
         return number(time / kNanosPerSecond, 4).number(time % kNanosPerSecond, 4);
     }
 
@@ -34,7 +34,7 @@ private:
     std::vector<std::byte>& to_;
 };
 
-void write_mcap_message(Writer to, std::uint32_t channel, std::uint64_t time,
+void write_mcap_message(RecordWriter to, std::uint32_t channel, std::uint64_t time,
                         std::span<const std::byte> data) {
     constexpr std::size_t kHead = 2 + 4 + 8 + 8;
     to.number(McapRecords::kMessage, 1).number(kHead + data.size(), 8);
@@ -42,7 +42,7 @@ void write_mcap_message(Writer to, std::uint32_t channel, std::uint64_t time,
     to.number(channel, 2).number(0, 4).number(time, 8).number(time, 8).bytes(data);
 }
 
-void write_bag_message(Writer to, std::uint32_t connection, std::uint64_t time,
+void write_bag_message(RecordWriter to, std::uint32_t connection, std::uint64_t time,
                        std::span<const std::byte> data) {
     constexpr std::string_view kOp = "op=\x02";
     constexpr std::string_view kConnection = "conn=";
@@ -58,7 +58,7 @@ void write_bag_message(Writer to, std::uint32_t connection, std::uint64_t time,
 }  // namespace
 
 void MessageChunk::add_record(std::span<const std::byte> record) {
-    Writer(bytes_).bytes(record);
+    RecordWriter(bytes_).bytes(record);
 }
 
 void MessageChunk::add_message(std::uint32_t channel, std::uint64_t time,
@@ -68,11 +68,11 @@ void MessageChunk::add_message(std::uint32_t channel, std::uint64_t time,
     Index& index = indexes_[channel];
     ++index.messages;
     if (format_ == Format::kMcap) {
-        Writer(index.entries).number(time, 8).number(bytes_.size(), 8);
-        write_mcap_message(Writer(bytes_), channel, time, data);
+        RecordWriter(index.entries).number(time, 8).number(bytes_.size(), 8);
+        write_mcap_message(RecordWriter(bytes_), channel, time, data);
     } else {
-        Writer(index.entries).time(time).number(bytes_.size(), 4);
-        write_bag_message(Writer(bytes_), channel, time, data);
+        RecordWriter(index.entries).time(time).number(bytes_.size(), 4);
+        write_bag_message(RecordWriter(bytes_), channel, time, data);
     }
 }
 
