@@ -86,7 +86,7 @@ test-cpp: $(STAMPS)/venv
 	build/dev/bin/tfdb_driver_tests
 
 test-python: $(STAMPS)/dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PYTEST)
 
 # Every program there is, with warnings as errors; `make test` then finds them built.
 # Every public name has a type that each checker takes for the same.
@@ -101,7 +101,6 @@ check: $(STAMPS)/dev
 	$(CMAKE) --preset dev -DTFDB_WERROR=ON -DTFDB_BENCH=ON >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS)
 	$(BIN)/python tools/make_stubs.py --check
-	$(BIN)/python tools/check_words.py
 	$(BIN)/python -m pytest -q tests/architecture
 	@if command -v clang-tidy >/dev/null; then $(BIN)/python tools/run_clang_tidy.py $(TIDY) build/dev; \
 	elif [ "$$CI" = true ]; then echo 'clang-tidy is missing'; exit 1; \
