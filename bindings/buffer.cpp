@@ -509,6 +509,7 @@ void bind_buffer(nb::module_& module) {
                      "Facts about a shared store; None if the store is private to this process.");
     bind_writes(type);
     bind_changes(type);
+    bind_commits(type);
     bind_waits(type);
     bind_wire(module, type);
     bind_transaction(module, type);

@@ -10,6 +10,7 @@
 #include "errors.hpp"
 #include "reads.hpp"
 #include "records.hpp"
+#include "writes.hpp"
 
 namespace tfdb::python {
 namespace {
@@ -62,15 +63,31 @@ nb::object columns_of(const nb::object& type, const std::vector<Changes::Edge>& 
     return made;
 }
 
-nb::list changes(nb::handle self, nb::handle since, nb::handle limit) {
+/// The writer of each row, in the order of `columns_of`: the moving ones first.
+nb::tuple authorities_of(const std::vector<Changes::Edge>& edges) {
+    nb::list authorities;
+    for (const bool is_static : {false, true}) {
+        for (const auto& edge : edges) {
+            if (edge.is_static != is_static || edge.poses.empty())
+                continue;
+            const nb::str authority = str_of_name(edge.authority);
+            for (std::size_t i = 0; i < edge.poses.size(); ++i)
+                authorities.append(authority);
+        }
+    }
+    return nb::tuple(authorities);
+}
+
+nb::list changes(nb::handle self, nb::handle since, nb::handle limit, nb::handle frames) {
     BufferObject& buffer = object_of<BufferObject>(self);
     const CommitNumber from = count_of(since, "since", 0, kMaxCommit);
     const std::size_t most =
         limit.is_none() ? Buffer::kNoLimit : count_of(limit, "limit", 1, Buffer::kNoLimit);
+    const ChosenFrames chosen(frames);
     std::vector<Changes> all;
     {
         const LongWork work(true);
-        all = buffer.open_store().changes(from, most);
+        all = buffer.open_store().changes(from, most, chosen.only());
     }
     const nb::object record = record_type("Changes");
     const nb::object columns = record_type("Columns");
@@ -82,9 +99,9 @@ nb::list changes(nb::handle self, nb::handle since, nb::handle limit) {
                 gone[str_of_name(edge.child)] = edge.gone;
         }
         result.append(record(one.commit, columns_of(columns, one.stored, false),
-                             columns_of(columns, one.stored, true), tuple_of(one.made),
-                             tuple_of(one.moved), tuple_of(one.cleared), tuple_of(one.removed),
-                             tuple_of(one.passing), gone));
+                             columns_of(columns, one.stored, true), authorities_of(one.stored),
+                             tuple_of(one.made), tuple_of(one.moved), tuple_of(one.cleared),
+                             tuple_of(one.removed), tuple_of(one.passing), gone));
     }
     return result;
 }
@@ -104,6 +121,10 @@ since
     A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
 limit
     Largest number of records; None: all.
+frames
+    A frame, or several: only what commits did to these frames and their edges, and no record of a
+    commit that did nothing to them. A follower reads `commit` of the buffer before the call, and
+    goes on from there where fewer than `limit` records come. None: all frames.
 
 Returns
 -------
@@ -127,7 +148,9 @@ TransactionActive
 
 void bind_changes(nb::class_<BufferObject, ReadsObject>& type) {
     type.def("changes", &changes, nb::arg("since").none(), nb::arg("limit").none() = nb::none(),
-             nb::sig("def changes(self, since: int, limit: int | None = None) -> "
+             nb::kw_only(), nb::arg("frames").none() = nb::none(),
+             nb::sig("def changes(self, since: int, limit: int | None = None, *, "
+                     "frames: str | collections.abc.Iterable[str] | None = None) -> "
                      "list[tfdb.types.Changes]"),
              kChangesDoc);
 }

@@ -234,6 +234,7 @@ void bind_snapshot(nb::module_& module) {
     auto type = native_class<nb::class_<SnapshotObject, ReadsObject>>(
         module, "Snapshot", nb::type_slots(g_snapshot_slots));
     refuse_construction<SnapshotObject>(type, "Buffer.snapshot() makes snapshots");
+    bind_state_bytes(type);
     type.def("close", &close, nb::sig("def close(self) -> None"),
              "Release the samples that only this snapshot needs. A second call does nothing.");
     type.def_prop_ro(

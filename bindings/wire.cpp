@@ -18,6 +18,7 @@
 #include "arguments.hpp"
 #include "arrays.hpp"
 #include "arrivals.hpp"
+#include "bytes_like.hpp"
 #include "errors.hpp"
 #include "recorded.hpp"
 #include "records.hpp"
@@ -28,37 +29,6 @@
 
 namespace tfdb::python {
 namespace {
-
-using Bytes = std::span<const std::byte>;
-
-/// The bytes of a bytes-like object. Mutable ones are copied: decoding relies on
-/// what it has checked. Must be destroyed with the GIL.
-class Message {
-public:
-    explicit Message(nb::handle object) {
-        if (PyBytes_Check(object.ptr())) {
-            object_ = nb::borrow(object);
-        } else if (Py_buffer view; PyObject_GetBuffer(object.ptr(), &view, PyBUF_SIMPLE) == 0) {
-            object_ =
-                nb::steal(PyBytes_FromStringAndSize(static_cast<const char*>(view.buf), view.len));
-            PyBuffer_Release(&view);
-        }
-        if (!object_.is_valid()) {
-            forget_error();
-            PyErr_Format(PyExc_TypeError, "a message must be bytes-like, got %s",
-                         type_name_of(object).c_str());
-            throw nb::python_error();
-        }
-        bytes_ = {reinterpret_cast<const std::byte*>(PyBytes_AsString(object_.ptr())),
-                  static_cast<std::size_t>(PyBytes_Size(object_.ptr()))};
-    }
-
-    [[nodiscard]] Bytes bytes() const { return bytes_; }
-
-private:
-    nb::object object_;
-    Bytes bytes_;
-};
 
 /// Stores what may be stored of a message, in one commit.
 /// Threads: one, with the GIL; the arguments of the constructor outlive it.
@@ -101,7 +71,7 @@ public:
 
 private:
     BufferObject& buffer_;
-    const Message message_;
+    const BytesLike message_;
     const bool is_static_;
     const std::string_view authority_;
     const WriteRules rules_;
@@ -294,7 +264,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encod
         throw nb::python_error();
     }
     std::vector<TransformView> scratch;
-    std::vector<Message> chunk;
+    std::vector<BytesLike> chunk;
     Tally tally;
     tally.commit = self.open_store().commit();
     for (bool more = true; more;) {
@@ -312,7 +282,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encod
             throw nb::python_error();
         }
         const LongWork work(true);
-        for (const Message& message : chunk) {
+        for (const BytesLike& message : chunk) {
             ingest_one(self.open_store(), message.bytes(), how, is_static,
                        senders.of(tally.messages), scratch, tally, nullptr, keep_all);
         }
@@ -493,7 +463,7 @@ nb::object error_of(const TransformView& view, std::size_t index, bool is_static
 /// The transforms; what `judge` makes, if anything, stands in the place of one. It gets the
 /// transform, its position, and whether its names and its stamp can be read.
 template <class Judge>
-nb::list decoded(const Message& message, wire::Encoding encoding, const Judge& judge) {
+nb::list decoded(const BytesLike& message, wire::Encoding encoding, const Judge& judge) {
     std::vector<TransformView> transforms;
     wire::decode_tf_message(message.bytes(), encoding, transforms);
     const nb::object type = record_type("TransformStamped");
@@ -525,7 +495,7 @@ nb::list decode_members(nb::handle data, nb::handle encoding, bool is_static,
             return {};
         return error_of(view, index, is_static, sender);
     };
-    return decoded(Message(data), encoding_of(encoding), judge);
+    return decoded(BytesLike(data), encoding_of(encoding), judge);
 }
 
 PyObject* decode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
@@ -545,7 +515,7 @@ PyObject* decode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, Py
                          {"edge", escaped(edge_of(view))},
                          {"index", nb::int_(index)}});
         };
-        return decoded(Message(data), encoding_or_cdr(encoding), judge).release().ptr();
+        return decoded(BytesLike(data), encoding_or_cdr(encoding), judge).release().ptr();
     });
 }
 

@@ -37,6 +37,23 @@ private:
     std::vector<std::string_view> views_;
 };
 
+/// The frames that a caller asks for: one str, or several; None: all.
+class ChosenFrames {
+public:
+    /// Throws as FrameNames.
+    explicit ChosenFrames(nb::handle frames) {
+        if (!frames.is_none())
+            names_.emplace(frames);
+    }
+
+    [[nodiscard]] std::optional<std::span<const std::string_view>> only() const {
+        return names_ ? std::optional(names_->views()) : std::nullopt;
+    }
+
+private:
+    std::optional<FrameNames> names_;
+};
+
 /// A tfdb.Columns of one edge whose arrays are read where they lie.
 class OneEdge {
 public:

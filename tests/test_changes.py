@@ -108,6 +108,7 @@ def test_changes_list_the_effects_of_a_commit() -> None:
     assert first.made == ("map", "base")
     assert first.stored.parents == ["map"]
     assert first.stored.children == ["base"]
+    assert first.authorities == ("",)
     assert second.made == ("camera",)
     assert second.stored_static.stamps is None
     assert np.allclose(second.stored_static.poses[0], np.concatenate(pose(2)))
@@ -207,3 +208,29 @@ def test_not_amid_a_transaction() -> None:
         tx.set_transform("map", "base", 10, *pose(1))
         with pytest.raises(tfdb.errors.TransactionActive):
             buf.changes(0)
+
+
+def test_changes_name_the_writer_of_each_row() -> None:
+    buf = tfdb.Buffer()
+    with buf.transaction() as tx:
+        for stamp in (10, 20):
+            tx.set_transform("map", "base", stamp, *pose(stamp), authority="odometry")
+        tx.set_static_transform("base", "camera", *pose(2), authority="urdf")
+    buf.set_transform("map", "base", 30, *pose(3), authority="filter")
+    first, second = buf.changes(0)
+    assert first.authorities == ("odometry", "odometry", "urdf")
+    assert second.authorities == ("filter",)
+
+
+def test_changes_of_chosen_frames() -> None:
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 10, *pose(1))
+    buf.set_static_transform("base", "camera", *pose(2))
+    buf.set_transform("map", "base", 20, *pose(3))
+    buf.remove_frames("camera")
+    assert [one.commit for one in buf.changes(0, frames="camera")] == [2, 4]
+    (only,) = buf.changes(0, 1, frames=["base", "nothing"])
+    assert only.made == ("base",)
+    assert buf.changes(0, frames=[]) == []
+    with pytest.raises(TypeError, match="a frame's name or a sequence of them, got int"):
+        buf.changes(0, frames=7)  # type: ignore[arg-type]

@@ -170,7 +170,7 @@ def write_pages(folder: Path) -> None:
     )
     start += toctree("Guides", "tasks", "howto/README", "howto/*")
     start += toctree("Reference", "api", "examples", "changelog")
-    start += toctree("How it works", "design", "concurrency", "engines", "free_threading")
+    start += toctree("How it works", "design", "concurrency", "engines", "wire", "free_threading")
     start += toctree("Measured", "benchmarks", "evaluation", "sweeps")
     start += toctree("Development", "where", "style", "packaging")
     (folder / "index.md").write_text(start, encoding="utf-8")

@@ -529,6 +529,20 @@ class NativeSnapshot(Reads):
 
     def __init__(self) -> None: ...
 
+    def state_bytes(self, *, frames: str | Iterable[str] | None = None, newest: int | None = None) -> bytes:
+        """
+        Return this state as bytes, for `apply` of another buffer.
+
+        Parameters
+        ----------
+        frames
+            Frames, or one: only these and their edges. None: all.
+        newest
+            Largest number of samples of each edge, the newest ones. None: all.
+
+        Raises SnapshotTooOld, SnapshotClosed.
+        """
+
     def close(self) -> None:
         """
         Release the samples that only this snapshot needs. A second call does nothing.
@@ -738,7 +752,7 @@ class NativeBuffer(Reads):
         keeps the lock, CorruptStore where the file was damaged.
         """
 
-    def changes(self, since: int, limit: int | None = None) -> list[tfdb.types.Changes]:
+    def changes(self, since: int, limit: int | None = None, *, frames: str | Iterable[str] | None = None) -> list[tfdb.types.Changes]:
         """
         Return the changes of each commit after `since`, in order.
 
@@ -754,6 +768,10 @@ class NativeBuffer(Reads):
             A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
         limit
             Largest number of records; None: all.
+        frames
+            A frame, or several: only what commits did to these frames and their edges, and no record of a
+            commit that did nothing to them. A follower reads `commit` of the buffer before the call, and
+            goes on from there where fewer than `limit` records come. None: all frames.
 
         Returns
         -------
@@ -772,6 +790,104 @@ class NativeBuffer(Reads):
             The engine keeps no feed: `snapshot` and `giant` do.
         TransactionActive
             This thread has a transaction open in the store.
+        """
+
+    def commits_bytes(self, since: int, *, max_commits: int = 64, max_bytes: int = 1048576, frames: str | Iterable[str] | None = None) -> bytes:
+        """
+        Return the commits after `since` as bytes, for `apply` of another buffer.
+
+        Each commit is whole, with everything that it stored, cleared and removed, poses to the last bit.
+        `docs/wire.md` describes the bytes.
+
+        Parameters
+        ----------
+        since
+            A commit: that of a snapshot, or of the position that `apply` returned. 0: from the beginning.
+        max_commits
+            Largest number of commits.
+        max_bytes
+            Largest size. A single commit is never cut; a larger one is returned alone.
+        frames
+            Frames, or one: only these and their edges. None: all.
+
+        Returns
+        -------
+        bytes
+            Empty if nothing was committed since.
+
+        Raises
+        ------
+        FeedLapped
+            The feed does not reach back that far: take `state_bytes` of a snapshot.
+        Gone
+            A sample of these commits is no longer kept. Hold a snapshot of your position to prevent it.
+        InvalidArgument
+            The commit does not exist yet, or a limit is not positive.
+        NotSupported
+            The engine keeps no feed: `snapshot` and `giant` do.
+        TransactionActive
+            This thread has a transaction open in the store.
+        """
+
+    def apply(self, data: bytes, *, source: str = '', prefix: str = '', shared: str | Iterable[str] = ()) -> tfdb.types.Position:
+        """
+        Apply commits or a state of another store, from `commits_bytes` or `state_bytes`.
+
+        Each commit becomes one commit here. A state becomes one commit, which first takes away what this
+        source had: no reader sees an empty or a mixed store. The position is stored by the same commit, so
+        a process that is killed finds in `positions()` where to go on. Commits at or before the position
+        are skipped.
+
+        A frame that is a root at its source may get a parent here, by any writer. It is kept until the
+        source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
+        stays, without its samples, while a frame of another writer is its child.
+
+        Parameters
+        ----------
+        data
+            The bytes.
+        prefix
+            Text before the name of each frame, such as `robot1/`. It is fixed by the first call, and must
+            not be the beginning of another source's prefix.
+        shared
+            Frames that get no prefix, such as `map`.
+        source
+            What this store calls the other one.
+
+        Returns
+        -------
+        Position
+            How far the source's commits are applied: pass its `commit` to `commits_bytes`.
+
+        Raises
+        ------
+        OutOfOrder
+            Commits before these are missing, or they are of a later epoch: apply a state first.
+        Fenced
+            They are of an epoch that has ended.
+        CorruptMessage
+            The bytes are damaged, cut short, or of another version; `offset` is the byte.
+        InvalidName, InvalidTransform, InvalidStamp, StaticConflict, CycleError, FrameInUse
+            They cannot be stored.
+        InvalidArgument
+            The prefix is not the one of the first call, or it overlaps another source's.
+        CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
+            As of a write.
+
+        Of these bytes the commits before the refused one are applied; it and later ones are not.
+        """
+
+    def positions(self) -> list[tfdb.types.Position]:
+        """
+        Return how far the commits of each source have been applied.
+
+        In the order in which the sources came first.
+        """
+
+    @property
+    def epoch(self) -> tfdb.types.Epoch:
+        """
+        The store's epoch: a new store has a later one. Its commits are numbered in it.
         """
 
     def wait_for_transform(

@@ -37,6 +37,9 @@ enum class ErrorCode : std::uint8_t {
     kWrongThread,
     kForked,
     kFeedLapped,
+    kGone,
+    kOutOfOrder,
+    kFenced,
     kNotSupported,
     kNoSuchStore,
     kStoreExists,
@@ -128,6 +131,9 @@ using TransactionActive = ErrorOf<ErrorCode::kTransactionActive>;
 using WrongThread = ErrorOf<ErrorCode::kWrongThread>;
 using Forked = ErrorOf<ErrorCode::kForked>;
 using FeedLapped = ErrorOf<ErrorCode::kFeedLapped>;
+using Gone = ErrorOf<ErrorCode::kGone>;
+using OutOfOrder = ErrorOf<ErrorCode::kOutOfOrder>;
+using Fenced = ErrorOf<ErrorCode::kFenced>;
 using NotSupported = ErrorOf<ErrorCode::kNotSupported>;
 using NoSuchStore = ErrorOf<ErrorCode::kNoSuchStore>;
 using StoreExists = ErrorOf<ErrorCode::kStoreExists>;

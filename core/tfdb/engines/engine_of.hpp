@@ -86,8 +86,7 @@ private:
             return txn::Written::kNotPlain;
         } else {
             auto& plain = session.scratch().batch;
-            if (!batch.sound() || batch.rules().any() || store_.authorities.crowded() ||
-                !fill(batch, plain))
+            if (!batch.sound() || batch.rules().any() || !fill(batch, plain))
                 return txn::Written::kNotPlain;
             const std::uint64_t author = store_.authorities.id(batch.authority());
             return txn::write_beside(session, plain, store_, number, [&](const Item& item) {

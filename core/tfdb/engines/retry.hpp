@@ -160,8 +160,6 @@ template <Session S, class Store>
 [[nodiscard]] bool commit_beside(S& session, const WriteSet<typename S::Memory>& writes,
                                  Store& store, CommitOutcome& outcome) {
     auto& plain = session.scratch().batch;
-    if (store.crowded())
-        return false;
     if (!make_plain(writes, store, plain))
         return false;
     const Written written =

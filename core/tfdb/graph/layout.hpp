@@ -23,19 +23,23 @@ enum StoreWord : unsigned {
     kNamesFilled = 28,   // its entries in use, dead ones included
     kRecycleFloor = 29,  // older snapshots may miss frames whose slots were reused
     kNormalised = 30,
-    kFreeFull = 31,   // id + 1 of the first removed frame that still has its name and its samples
-    kReadPins = 32,   // reads under way that were overtaken before: see Pins
-    kHeldBytes = 40,  // that held states alone still show
-    kGivenUp = 41,    // older states were given up, for they kept too much
-    kFeed = 42,       // where the change feed is, 0 if none is kept: see txn::Feed
-    kFeedFloor = 43,  // the oldest commit that is whole in it
-    kFeedLimit = 44,  // up to this position its ring has room
+    kFreeFull = 31,    // id + 1 of the first removed frame that still has its name and its samples
+    kReadPins = 32,    // reads under way that were overtaken before: see Pins
+    kHeldBytes = 40,   // that held states alone still show
+    kGivenUp = 41,     // older states were given up, for they kept too much
+    kFeed = 42,        // where the change feed is, 0 if none is kept: see txn::Feed
+    kFeedFloor = 43,   // the oldest commit that is whole in it
+    kFeedLimit = 44,   // up to this position its ring has room
+    kLifeNumber = 45,  // of the store's epoch, in which its commits are numbered: see wire::Epoch
+    kLifeHigh = 46,
+    kLifeLow = 47,
     // What a store was made with.
     kFrameTable = 48,
     kMaxFrameCount = 49,
     kHistory = 50,
     kSnapshotMemory = 51,
     kAuthorities = 52,  // the newest of a list of names: see store::Authorities
+    kPositions = 53,    // the newest of a list: see store::Positions
     kOrigin = 55,  // of a frozen store: a text on what it was made from, or 0: see store::freeze
     kStoreWords = 56,
 };

@@ -84,6 +84,9 @@ public:
                word(kCorrected).load_relaxed() <= snapshot_;
     }
 
+    /// True if something that this snapshot may need was evicted before `open`.
+    [[nodiscard]] bool may_miss() const { return snapshot_ < forgotten_; }
+
     /// The sample with the greatest stamp, the pose of a static edge; none if none is visible.
     [[nodiscard]] SampleAt newest() const { return newest_; }
 
@@ -243,9 +246,6 @@ private:
         return memory_->word(header_ + 8 * Offset{w});
     }
     [[nodiscard]] Directory<Memory> directory() const { return {*memory_, directory_}; }
-    /// True if something that this snapshot may need was evicted before `open`.
-    [[nodiscard]] bool may_miss() const { return snapshot_ < forgotten_; }
-
     /// The tail and the directory before it. A tail that becomes full meanwhile goes to the
     /// directory: then both are loaded again.
     [[nodiscard]] bool load() {

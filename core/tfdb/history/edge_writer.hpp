@@ -231,6 +231,8 @@ public:
 
     /// Hides all samples: later ones begin a new version of the edge. At most once in a commit.
     void clear(const WriteContext& context);
+    /// How many samples came out of order: those to come are counted from there.
+    void set_late(const WriteContext& context, std::uint64_t samples);
     /// After the commit that cleared the edge is published: older snapshots alone need what it was.
     void retire_older(const WriteContext& context);
 
@@ -282,7 +284,6 @@ private:
     [[nodiscard]] std::size_t fill_tail(const WriteContext& context, std::size_t count,
                                         Sample sample);
     [[nodiscard]] std::uint64_t spare(std::uint64_t capacity) const;
-    void count_late(const WriteContext& context, std::uint64_t samples);
     void make_room(const WriteContext& context, std::uint64_t samples);
     void copy_tail(const WriteContext& context, const Seg& full, std::uint64_t first,
                    std::uint64_t capacity);

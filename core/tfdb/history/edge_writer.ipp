@@ -476,13 +476,12 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std:
 
 /// How many there were before the commit is kept for `trim`.
 template <class Memory>
-void EdgeWriter<Memory>::count_late(const WriteContext& context, std::uint64_t samples) {
-    const std::uint64_t before = this->word(kLate).load_relaxed();
+void EdgeWriter<Memory>::set_late(const WriteContext& context, std::uint64_t samples) {
     if (this->word(kLateSince).load_relaxed() != context.number()) {
-        this->word(kLateBefore).store_relaxed(before);
+        this->word(kLateBefore).store_relaxed(this->word(kLate).load_relaxed());
         this->word(kLateSince).store_release(context.number());
     }
-    this->word(kLate).store_relaxed(before + samples);
+    this->word(kLate).store_relaxed(samples);
 }
 
 /// How many samples make a segment among others full. Each late one copies its segment, so they are
@@ -529,7 +528,7 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
     } else {
         insert_in_copy(context, k, index, capacity, sample);
     }
-    count_late(context, 1);
+    set_late(context, this->word(kLate).load_relaxed() + 1);
     if (end() - begin() > segments)
         evict(context);
 }
@@ -636,7 +635,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
     }
     for (const std::uint64_t old : replaced)
         retire_segment(memory_, context, Line::kReplaced, old);
-    count_late(context, late);
+    set_late(context, this->word(kLate).load_relaxed() + late);
     evict(context);
 }
 

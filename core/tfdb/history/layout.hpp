@@ -38,11 +38,25 @@ enum HeaderWord : unsigned {
     kCorrected = 18,   // older snapshots miss samples that others of the same stamp replaced
     kLateSince = 19,   // commit that last counted in kLate; too new by one after an abort
     kLateBefore = 20,  // what kLate was before that
+    kSource = 21,      // where the frame and its samples came from: see SourceWord
     kHeaderWords = 24,
 };
 
 inline constexpr std::size_t kHeaderBytes = kHeaderWords * 8;
 static_assert(kHeaderBytes % memory::kLineBytes == 0, "headers are whole cache lines");
+
+/// The sources, by number, whose commits were applied here: that of which one made the frame, and
+/// that of which one stored the samples of its edge. 0: a writer of this store did.
+struct SourceWord {
+    static constexpr unsigned kBits = 20;
+    static constexpr std::uint64_t pack(std::uint64_t maker, std::uint64_t writer) {
+        return writer << kBits | maker;
+    }
+    static constexpr std::uint64_t maker(std::uint64_t word) {
+        return word & ((std::uint64_t{1} << kBits) - 1);
+    }
+    static constexpr std::uint64_t writer(std::uint64_t word) { return word >> kBits; }
+};
 
 /// Stamps with a special meaning.
 inline constexpr StampNs kNoStamp = -1;

@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <unordered_map>
@@ -14,29 +13,22 @@
 
 namespace tfdb::store {
 
-/// Names of authorities by numbers that are never used twice; no name is number 0. In a store that
-/// processes share, the names also lie in its region, as a list that only grows.
-/// Threads: any; `keep_only` only with exclusive use of the store.
-/// Guarantee: they block only against each other. What throws leaves all as it was.
+/// Names of authorities by numbers; no name is number 0. The names lie in the region, as a list
+/// that only grows; each process reads it into tables of its own.
+/// Threads: any. Guarantee: they block only against each other. What throws leaves all as it was.
 class Authorities {
 public:
-    Authorities();
-    /// Before the first read: `newest` is the word of the region that leads to the list.
-    void share(memory::Region& region, sync::Word& newest);
+    /// So many names fit, the empty one included: a note of the feed has 16 bits for the number.
+    static constexpr std::uint64_t kMost = 1 << 16;
 
-    /// The number of a name, a new one where necessary: where the names are shared, only the holder
-    /// of the commit lock asks, and it throws CapacityExceeded.
+    /// `newest`: the word of the region that leads to the list.
+    Authorities(memory::Region& region, sync::Word& newest);
+
+    /// The number of a name, a new one where necessary: of a store that processes share, only the
+    /// holder of the commit lock asks. Throws CapacityExceeded.
     [[nodiscard]] std::uint64_t id(std::string_view name);
-    /// None: it was dropped, so no frame has it any more.
-    [[nodiscard]] std::optional<std::string> name(std::uint64_t id);
-
-    /// Whether the names are so many that unused ones should go.
-    [[nodiscard]] bool crowded() const noexcept {
-        return count_.load_relaxed() > most_.load_relaxed();
-    }
-    /// Drops all names but those with these numbers, and is crowded once twice as many, and
-    /// `spare` more, have come.
-    void keep_only(std::vector<std::uint64_t> ids, std::size_t spare);
+    /// Empty for a number that only a damaged store has.
+    [[nodiscard]] std::string name(std::uint64_t id);
 
     /// Whether a thread uses the names.
     [[nodiscard]] bool in_use() const noexcept { return lock_.in_use(); }
@@ -45,12 +37,10 @@ public:
     /// Every block of the region that they lie in: visit(offset, bytes).
     template <class Visit>
     void visit_blocks(Visit visit) const {
-        if (region_ == nullptr)
-            return;
-        Offset block = region_->inside(newest_->load_acquire());
-        for (std::uint64_t left = kMostShared; block != 0 && left > 0; --left) {
-            visit(block, Listed::bytes(region_->word(block + Listed::kSize).load_relaxed()));
-            block = region_->inside(region_->word(block + Listed::kNext).load_relaxed());
+        Offset block = region_.inside(newest_.load_acquire());
+        for (std::uint64_t left = kMost; block != 0 && left > 0; --left) {
+            visit(block, Listed::bytes(region_.word(block + Listed::kSize).load_relaxed()));
+            block = region_.inside(region_.word(block + Listed::kNext).load_relaxed());
         }
     }
 
@@ -62,8 +52,6 @@ private:
         }
     };
     using Ids = std::unordered_map<std::string, std::uint64_t, Hash, std::equal_to<>>;
-
-    static constexpr std::uint64_t kFew = 64;
 
     /// Of each name in the region.
     struct Listed {
@@ -79,21 +67,14 @@ private:
     void list(std::string_view name, std::uint64_t id);
     /// Learns what others have listed since.
     void learn();
-    /// Never the same twice, as an address might be.
-    static std::uint64_t next_serial();
-
-    static constexpr std::uint64_t kMostShared = 1 << 16;
-
     mutable sync::Word lock_word_{};
     mutable sync::CommitLock lock_{lock_word_};
-    Ids ids_;  // of a shared store: those that are known here
+    Ids ids_;                                                      // those that are known here
     std::unordered_map<std::uint64_t, const std::string*> names_;  // the keys of `ids_`
     std::uint64_t last_id_ = 0;
-    sync::Word count_{};
-    sync::Word most_{};
-    sync::Word serial_{};  // another one once names were dropped
-    memory::Region* region_ = nullptr;
-    sync::Word* newest_ = nullptr;
+    std::uint64_t serial_;  // never the same twice, as an address might be
+    memory::Region& region_;
+    sync::Word& newest_;
 };
 
 }  // namespace tfdb::store

@@ -17,12 +17,14 @@
 #include "tfdb/lookup/policy.hpp"
 #include "tfdb/store/question.hpp"
 #include "tfdb/store/wait_end.hpp"
+#include "tfdb/wire/commit_sample.hpp"
 #include "tfdb/wire/tf_message.hpp"
 
 namespace tfdb {
 
 using geometry::Pose;
 using lookup::EdgeUse;
+using wire::Epoch;
 using wire::TransformView;
 
 /// How concurrent lookups, writes and transactions are isolated: see store/engine.hpp.
@@ -159,6 +161,7 @@ struct Changes {
     /// Samples T[parent<-child] of one edge, in stamp order.
     struct Edge {
         std::string child;
+        std::string authority;  // the commit's writer of the edge
         bool is_static = false;
         std::vector<std::string> parents;  // one for each sample
         std::vector<StampNs> stamps;       // -1 for a static pose
@@ -172,6 +175,35 @@ struct Changes {
     std::vector<std::string> cleared;  // frames whose samples were dropped before `stored`
     std::vector<std::string> removed;
     std::vector<std::string> passing;  // made and removed; samples of others may name them
+};
+
+/// How much one sample of commits holds.
+struct SampleLimits {
+    std::size_t commits = 64;
+    /// A commit is never cut: one that is larger has a sample of its own.
+    std::size_t bytes = std::size_t{1} << 20;
+};
+
+/// How far the commits of a source have been applied.
+struct Position {
+    std::string source;
+    Epoch epoch;
+    CommitNumber commit = 0;  // the last one
+
+    [[nodiscard]] bool operator==(const Position&) const = default;
+};
+
+/// How commits of another store are applied.
+struct ApplyOptions {
+    std::string_view source{};                   // what this store calls it
+    std::string_view prefix{};                   // before its frames' names
+    std::span<const std::string_view> shared{};  // names that get no prefix
+};
+
+struct Applied {
+    Position position;
+    /// Frames of which the source's parent has replaced the one that a writer of this store gave.
+    std::vector<std::string> replaced;
 };
 
 /// Exceptions to the rules of a write.
@@ -327,9 +359,15 @@ public:
     /// this snapshot return. The complete file replaces one of that name; processes that have the
     /// old one open go on with it. `origin`: any text, which is kept. `in_place`: the file is
     /// written under `path`, which must be missing, from the start; the caller renames it later.
-    /// Throws SnapshotTooOld, CapacityExceeded (the disk is full, or 65,536 authorities),
+    /// Throws SnapshotTooOld, CapacityExceeded (the disk is full, or 65,535 authorities),
     /// NoSuchStore (no such folder), StoreExists (`in_place`), ReadOnly (no permission).
     void freeze(const std::string& path, std::string_view origin = {}, bool in_place = false) const;
+
+    /// The whole state, or these frames with the newest samples of each edge, as a sample for
+    /// `Buffer::apply`. Throws SnapshotTooOld.
+    [[nodiscard]] std::vector<std::byte> state_bytes(
+        std::optional<std::span<const std::string_view>> only = std::nullopt,
+        std::size_t newest = ~std::size_t{0}) const;
 
 private:
     friend class Buffer;
@@ -411,15 +449,37 @@ public:
 
     /// The commits after `since` in their order, at most `limit` of them. They contain all samples
     /// that the newest state shows; while a snapshot of commit `since` or an older one is held, all
-    /// that was stored. `gone` counts the others. A frozen store's feed is empty.
+    /// that was stored. `gone` counts the others. A frozen store's feed is empty. `only`: what was
+    /// done to these frames and their edges, and the commits that did something to them.
     ///
     /// Throws FeedLapped where the feed does not reach back that far. Its fields: `since`; the
     /// `oldest` valid commit, which is overwritten next; the `newest`; and `commit`, from which
     /// half of the feed is left. Throws InvalidArgument for a future commit, TransactionActive, and
     /// NotSupported in engines without a feed.
-    [[nodiscard]] std::vector<Changes> changes(CommitNumber since,
-                                               std::size_t limit = kNoLimit) const;
+    [[nodiscard]] std::vector<Changes> changes(
+        CommitNumber since, std::size_t limit = kNoLimit,
+        std::optional<std::span<const std::string_view>> only = std::nullopt) const;
     static constexpr std::size_t kNoLimit = ~std::size_t{0};
+
+    /// The first commits after `since` as a sample for `apply`; empty if there is none. `only`: as
+    /// in `changes`. Throws FeedLapped, InvalidArgument, TransactionActive, NotSupported as
+    /// `changes`, and Gone where a sample of these commits is no longer kept: never while a
+    /// snapshot of commit `since` or an older one is held and can be read.
+    [[nodiscard]] std::vector<std::byte> commits_bytes(
+        CommitNumber since, SampleLimits limits = {},
+        std::optional<std::span<const std::string_view>> only = std::nullopt) const;
+    /// Applies a sample of another store: each commit becomes one commit here, a state one in all,
+    /// which takes away what this source had. The position is part of the commit. What is at or
+    /// before it is skipped. Throws, and leaves the store as the last whole commit did: OutOfOrder
+    /// (commits between are missing, or a later epoch begins without a state), Fenced (an earlier
+    /// epoch), CorruptMessage, InvalidName, InvalidTransform, InvalidStamp, StaticConflict,
+    /// CycleError, FrameInUse, CapacityExceeded, InvalidArgument (prefix), NotSupported (other
+    /// engines than the default one), and what a write throws.
+    Applied apply(std::span<const std::byte> sample, const ApplyOptions& options = {});
+    /// Of all sources, in the order in which they came.
+    [[nodiscard]] std::vector<Position> positions() const;
+    /// The store's own, in which its commits are numbered.
+    [[nodiscard]] Epoch epoch() const;
 
     /// Waits until the question has an answer, which a later write may remove again. False: it had
     /// none within the timeout (none: for ever), or `stop_waits` was called. Throws BufferClosed

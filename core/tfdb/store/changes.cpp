@@ -2,11 +2,9 @@
 #include <algorithm>
 #include <bit>
 #include <string>
-#include <unordered_map>
 #include <utility>
 
-#include "tfdb/store/raise.hpp"
-#include "tfdb/store/store.hpp"
+#include "tfdb/store/feed_notes.hpp"
 
 namespace tfdb::store {
 namespace {
@@ -14,77 +12,18 @@ namespace {
 using lookup::Outcome;
 using txn::FeedNote;
 
-/// The notes of some commits, as they were copied from the feed.
-/// Threads: one. Guarantee: none of it changes.
-class Notes {
-public:
-    /// False: the feed does not reach back to `first` any more.
-    [[nodiscard]] bool read(const Store& store, CommitNumber first, CommitNumber last) {
-        first_ = first;
-        if (!StoreFeed(store.frames).read(first, last, words_, ends_))
-            return false;
-        removals_.clear();
-        for (CommitNumber commit = first; commit <= last; ++commit) {
-            for_each(commit, [&](std::uint64_t note, std::string name) {
-                if ((FeedNote::what(note) & FeedNote::kRemoved) != 0)
-                    removals_[FeedNote::id(note)].push_back({commit, std::move(name)});
-            });
-        }
-        return true;
-    }
-
-    /// Calls visit(note, name) for each note of a commit; the name is that of a removed frame.
-    template <class Visit>
-    void for_each(CommitNumber commit, Visit visit) const {
-        const std::size_t at = commit - first_;
-        for (std::size_t i = at == 0 ? 0 : ends_[at - 1]; i < ends_[at];) {
-            const std::uint64_t note = words_[i++];
-            std::string name;
-            if ((FeedNote::what(note) & FeedNote::kRemoved) != 0) {
-                const std::size_t left = ends_[at] - i;
-                for (std::uint64_t k = std::min(FeedNote::name_words(note), left); k > 0; --k) {
-                    const std::uint64_t word = words_[i++];
-                    name.append(reinterpret_cast<const char*>(&word), sizeof word);
-                }
-                name.resize(std::min(FeedNote::count(note), std::uint64_t{name.size()}));
-            }
-            visit(note, std::move(name));
-        }
-    }
-
-    /// The name of a frame that was removed in this commit or a later one; null if it was not.
-    [[nodiscard]] const std::string* removed(FrameId id, CommitNumber commit) const {
-        const auto found = removals_.find(id);
-        if (found == removals_.end())
-            return nullptr;
-        for (const Removal& removal : found->second) {
-            if (removal.commit >= commit)
-                return &removal.name;
-        }
-        return nullptr;
-    }
-
-private:
-    struct Removal {
-        CommitNumber commit;
-        std::string name;
-    };
-    CommitNumber first_ = 0;
-    std::vector<std::uint64_t> words_;
-    std::vector<std::size_t> ends_;
-    std::unordered_map<FrameId, std::vector<Removal>> removals_;  // in their order
-};
-
 /// Reads what commits did from the newest state and the remains of older ones.
 /// Threads: one. Guarantee: kLapped where a writer overtook it.
 class ChangeReader {
 public:
-    ChangeReader(const Store& store, const StoreView& newest, const Notes& notes)
-        : store_(store), newest_(newest), notes_(notes) {}
+    ChangeReader(const Store& store, const StoreView& newest, const FeedNotes& notes,
+                 const FrameFilter& filter)
+        : store_(store), newest_(newest), notes_(notes), filter_(filter) {}
 
     [[nodiscard]] Outcome read(CommitNumber commit, Changes& out) {
         out = Changes{};
         out.commit = commit;
+        touched_any_ = false;
         bool whole = true;
         std::vector<FrameId> made;
         notes_.for_each(commit, [&](std::uint64_t note, const std::string& removed) {
@@ -92,6 +31,8 @@ public:
         });
         return whole ? Outcome::kOk : Outcome::kLapped;
     }
+    /// Whether the commit that was read last did something to the frames that are asked for.
+    [[nodiscard]] bool touched_any() const { return touched_any_; }
 
 private:
     bool read_note(CommitNumber commit, std::uint64_t note, const std::string& removed,
@@ -99,6 +40,9 @@ private:
         const FrameId id = FeedNote::id(note);
         const unsigned what = FeedNote::what(note);
         if ((what & FeedNote::kRemoved) != 0) {
+            if (!filter_.contains(removed))
+                return true;
+            touched_any_ = true;
             const auto own = std::find(made.begin(), made.end(), id);
             if (own != made.end())
                 std::erase(out.made, removed);
@@ -106,8 +50,13 @@ private:
             return true;
         }
         std::string name;
-        if (!name_of(id, commit, name))
+        if (!filter_.may_contain(id, notes_, commit))
+            return true;
+        if (!notes_.name_of(store_, newest_, id, commit, name))
             return false;
+        if (!filter_.contains(name))
+            return true;
+        touched_any_ = true;
         if ((what & FeedNote::kMade) != 0) {
             out.made.push_back(name);
             made.push_back(id);
@@ -120,6 +69,7 @@ private:
             return true;
         auto& edge = out.stored.emplace_back();
         edge.child = std::move(name);
+        edge.authority = store_.authorities.name(FeedNote::authority(note));
         return read_stored(id, commit, FeedNote::count(note), edge);
     }
 
@@ -139,7 +89,8 @@ private:
         for (std::size_t i = 0; i < parents.size(); ++i) {
             if (i > 0 && parents[i] == parents[i - 1]) {
                 out.parents.push_back(out.parents.back());
-            } else if (!name_of(parents[i], commit, out.parents.emplace_back())) {
+            } else if (!notes_.name_of(store_, newest_, parents[i], commit,
+                                       out.parents.emplace_back())) {
                 return false;
             }
         }
@@ -170,36 +121,49 @@ private:
         StoreEdge edge;
         if (!view.open(id, edge))
             return false;
-        const bool whole = edge.visit_since(commit, [&](const history::SampleAt& at) {
-            const auto slot = edge.read(at);
-            if (slot.commit != commit)
-                return true;
+        const auto take = [&](const history::SampleAt& at, const auto& slot) {
             parents.push_back(slot.parent);
             out.stamps.push_back(std::max(at.stamp, history::kNoStamp));
             out.poses.push_back(std::bit_cast<Pose>(slot.payload));
             out.is_static = at.stamp == history::kStaticStamp;
-            return out.poses.size() < count;
-        });
-        return whole && edge.confirm();
-    }
-
-    /// The name that a frame of a commit had. False: its slot was reused meanwhile.
-    bool name_of(FrameId id, CommitNumber commit, std::string& name) const {
-        if (const std::string* const removed = notes_.removed(id, commit)) {
-            name = *removed;
-            return true;
-        }
-        name = store_.names.name(id);
-        sync::fence_acquire();
-        return newest_.alive_since(id, commit);
+        };
+        return visit_stored(edge, commit, count, take) && edge.confirm();
     }
 
     const Store& store_;
     const StoreView& newest_;
-    const Notes& notes_;
+    const FeedNotes& notes_;
+    const FrameFilter& filter_;
+    bool touched_any_ = false;
 };
 
-[[noreturn]] void throw_lapped(const Store& store, CommitNumber since) {
+}  // namespace
+
+FrameFilter::FrameFilter(const Store& store, CommitNumber newest, Only only) : only_(only) {
+    if (!only_)
+        return;
+    for (const std::string_view name : *only_) {
+        names_.insert(name);
+        if (const FrameId id = store.names.find(name, newest); id != kNoFrame)
+            ids_.insert(id);
+    }
+}
+
+bool has_feed(const Store& store) {
+    const bool kept = StoreFeed(store.frames).is_kept();
+    if (!kept && (store.shared == nullptr || !store.shared->frozen)) {
+        throw NotSupported("the engine '" + std::string(concurrency_name(store.concurrency)) +
+                           "' keeps no feed of changes: 'snapshot' and 'giant' do");
+    }
+    return kept;
+}
+
+void throw_future_commit(CommitNumber since, CommitNumber newest) {
+    throw InvalidArgument("no commit " + std::to_string(since) + " yet: the newest is " +
+                          std::to_string(newest));
+}
+
+void throw_lapped(const Store& store, CommitNumber since) {
     // Commit `floor` and later ones are kept: a caller that has the one before it can go on.
     const CommitNumber oldest = StoreFeed(store.frames).floor().load_acquire() - 1;
     // Read after the floor: the commit of the view may have left the feed by now.
@@ -221,39 +185,37 @@ private:
                      std::move(detail));
 }
 
-}  // namespace
 }  // namespace tfdb::store
 
 namespace tfdb {
 
-std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) const {
+std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit,
+                                     store::FrameFilter::Only only) const {
     using lookup::Outcome;
-    const bool kept = StoreFeed(store_->frames).is_kept();
-    if (!kept && (store_->shared == nullptr || !store_->shared->frozen)) {
-        throw NotSupported("the engine '" + std::string(concurrency_name(store_->concurrency)) +
-                           "' keeps no feed of changes: 'snapshot' and 'giant' do");
-    }
+    const bool kept = store::has_feed(*store_);
     store::check_not_in_transaction(*store_);
     std::vector<Changes> all;
-    store::Notes notes;
+    store::FeedNotes notes;
     const auto read = [&](const StoreView& view, CommitNumber first, CommitNumber last) {
         all.clear();
-        store::ChangeReader reader(*store_, view, notes);
-        for (CommitNumber commit = first; commit <= last; ++commit) {
+        const store::FrameFilter filter(*store_, view.commit(), only);
+        store::ChangeReader reader(*store_, view, notes, filter);
+        for (CommitNumber commit = first; commit <= last && all.size() < limit; ++commit) {
             const Outcome outcome = reader.read(commit, all.emplace_back());
             if (outcome != Outcome::kOk)
                 return outcome;
+            if (!filter.is_for_all() && !reader.touched_any())
+                all.pop_back();
         }
         return Outcome::kOk;
     };
     const auto attempt = [&](const StoreView& view) {
         all.clear();
         const CommitNumber newest = view.commit();
-        if (since > newest) {
-            throw InvalidArgument("no commit " + std::to_string(since) + " yet: the newest is " +
-                                  std::to_string(newest));
-        }
-        const std::size_t wanted = std::min<std::uint64_t>(limit, newest - since);
+        if (since > newest)
+            store::throw_future_commit(since, newest);
+        const std::size_t wanted =
+            only ? newest - since : std::min<std::uint64_t>(limit, newest - since);
         if (wanted == 0)
             return Outcome::kOk;
         // What was removed later has its name there: only where that is asked for are all read.

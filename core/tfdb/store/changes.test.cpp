@@ -401,4 +401,72 @@ TFDB_TEST(changes_are_asked_for_with_sense) {
     THROWN(TransactionActive, buffer.changes(0));
 }
 
+TFDB_TEST(changes_name_the_writer_of_each_edge_also_of_older_commits) {
+    if (skipped())
+        return;
+    Buffer buffer(defaults());
+    set(buffer, "map", "base", 10, pose_of(1), "odometry");
+    set(buffer, "map", "base", 20, pose_of(2), "");
+    Transaction tx(buffer);
+    const TransformView base[] = {{"map", "base", 30, pose_of(3)}};
+    const TransformView arm[] = {{"base", "arm", 30, pose_of(4)}, {"base", "arm", 40, pose_of(5)}};
+    tx.set_transforms(base, false, "filter");
+    tx.set_transforms(arm, false, "joints");
+    tx.commit();
+    std::vector<std::string> writers;
+    for (const Changes& changes : buffer.changes(0)) {
+        for (const auto& edge : changes.stored)
+            writers.push_back(std::to_string(changes.commit) + edge.child + ":" + edge.authority);
+    }
+    CHECK(writers == Names({"1base:odometry", "2base:", "3arm:joints", "3base:filter"}));
+}
+
+TFDB_TEST(changes_of_some_frames_leave_out_all_others) {
+    if (skipped())
+        return;
+    constexpr int kCommits = 400;
+    for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+        Buffer buffer(defaults());
+        Writer writer(seed);
+        for (int i = 0; i < kCommits; ++i)
+            writer.act(buffer);
+        const std::string_view wanted[] = {"frame1", "frame4", "none"};
+        const auto is_wanted = [&](const std::string& name) {
+            return std::find(std::begin(wanted), std::end(wanted), name) != std::end(wanted);
+        };
+        const auto keep = [&](Names& names) {
+            std::erase_if(names, [&](const std::string& name) { return !is_wanted(name); });
+            return !names.empty();
+        };
+        std::vector<Changes> expected;
+        for (Changes changes : buffer.changes(0)) {
+            std::erase_if(changes.stored, [&](const auto& edge) { return !is_wanted(edge.child); });
+            bool any = !changes.stored.empty();
+            for (Names* names : {&changes.made, &changes.moved, &changes.cleared, &changes.removed,
+                                 &changes.passing})
+                any = keep(*names) || any;
+            if (any)
+                expected.push_back(std::move(changes));
+        }
+        const std::vector<Changes> found = buffer.changes(0, Buffer::kNoLimit, wanted);
+        CHECK(expected.size() > 50);
+        CHECK_EQ(found.size(), expected.size());
+        for (std::size_t i = 0; i < std::min(found.size(), expected.size()); ++i) {
+            CHECK_EQ(found[i].commit, expected[i].commit);
+            CHECK_EQ(found[i].stored.size(), expected[i].stored.size());
+            for (std::size_t k = 0; k < found[i].stored.size(); ++k) {
+                CHECK_EQ(found[i].stored[k].child, expected[i].stored[k].child);
+                CHECK(found[i].stored[k].stamps == expected[i].stored[k].stamps);
+            }
+            CHECK(found[i].made == expected[i].made);
+            CHECK(found[i].moved == expected[i].moved);
+            CHECK(found[i].cleared == expected[i].cleared);
+            CHECK(found[i].removed == expected[i].removed);
+        }
+        const std::vector<Changes> first = buffer.changes(0, 3, wanted);
+        CHECK_EQ(first.size(), std::size_t{3});
+        CHECK_EQ(first.back().commit, expected[2].commit);
+    }
+}
+
 }  // namespace tfdb

@@ -157,6 +157,8 @@ private:
         };
         put(graph::kCommit, held_);
         put(graph::kFeedFloor, held_ + 1);
+        for (const auto w : {graph::kLifeNumber, graph::kLifeHigh, graph::kLifeLow})
+            put(w, store_.word(w).load_relaxed());
         put(graph::kNormalised, store_.word(graph::kNormalised).load_relaxed());
         put(graph::kFrameTable, table);
         put(graph::kMaxFrameCount, frames.max_frames());
@@ -172,8 +174,7 @@ private:
 
     void put_frames(const graph::Frames<StoreMemory>& frames) {
         const graph::Names<StoreMemory> names(frames);
-        Authorities authorities;
-        authorities.share(front_, frames.store_word(graph::kAuthorities));
+        Authorities authorities(front_, frames.store_word(graph::kAuthorities));
         for (FrameId id = 0; id < found_.size(); ++id) {
             const Found& frame = found_[id];
             names.reserve();

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <new>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -10,6 +12,24 @@
 #include "tfdb/txn/repair.hpp"
 
 namespace tfdb::store {
+namespace {
+
+/// A new store begins an epoch of its own: later ones have greater numbers.
+void begin_life(StoreMemory& memory) {
+    const auto word = [&](graph::StoreWord w) -> sync::Word& {
+        return memory.word(StoreMemory::root() + 8 * w);
+    };
+    std::random_device random;
+    const auto random_word = [&] { return std::uint64_t{random()} << 32 | random(); };
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    word(graph::kLifeNumber)
+        .store_relaxed(static_cast<std::uint64_t>(
+            std::chrono::duration_cast<std::chrono::nanoseconds>(now).count()));
+    word(graph::kLifeHigh).store_relaxed(random_word());
+    word(graph::kLifeLow).store_relaxed(random_word());
+}
+
+}  // namespace
 
 graph::Frames<StoreMemory> Store::forest_in(StoreMemory& memory, const BufferOptions& options) {
     const Offset root = StoreMemory::root();
@@ -24,6 +44,7 @@ graph::Frames<StoreMemory> Store::forest_in(StoreMemory& memory, const BufferOpt
         word(graph::kHistory)
             .store_relaxed(history::as_word(options.history_ns.value_or(history::kForever)));
         word(graph::kSnapshotMemory).store_relaxed(options.snapshot_memory);
+        begin_life(memory);
         // Engines with parallel writers keep no feed.
         if (options.concurrency == Concurrency::kSnapshot ||
             options.concurrency == Concurrency::kGiant)
@@ -47,7 +68,7 @@ graph::Frames<StoreMemory> Store::forest_in(StoreMemory& memory, const BufferOpt
 
 std::uint64_t Store::layout() {
     using Sizes = history::Tuning<StoreMemory>;
-    constexpr std::uint64_t kVersion = 2;
+    constexpr std::uint64_t kVersion = 3;
     std::uint64_t layout = kVersion;
     for (const std::uint64_t part :
          {std::uint64_t{history::kHeaderWords}, std::uint64_t{graph::kStoreWords},
@@ -79,6 +100,8 @@ Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& opti
       read_pins(frames, graph::kReadPins),
       lock(shared == nullptr ? word(graph::kCommitLock) : process_lock, commit_event, shared.get(),
            *this),
+      authorities(memory, word(graph::kAuthorities)),
+      positions(memory, word(graph::kPositions), word(graph::kCommit)),
       engine(make_engine(*this)) {
     sync::watch_forks();
     home_process.store_relaxed(sync::forks() << kForksShift);
@@ -89,7 +112,6 @@ Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& opti
 /// Says to writers where to see what this process reads.
 void Store::join() {
     note_reads();
-    authorities.share(memory, word(graph::kAuthorities));
     sync::tell_of_forks(*this);
 }
 
@@ -147,31 +169,23 @@ void Store::throw_orphaned() const {
                  std::move(detail));
 }
 
-std::string Store::author(FrameId id) const {
+std::string Store::author_name(std::uint64_t number) const {
     if ((whereabouts() & kNamesLost) != 0)
         throw_orphaned();
-    for (;;) {
-        // What has no name any more has been replaced.
-        auto name = authorities.name(frames.word(id, history::kAuthority).load_acquire());
-        if (name)
-            return *std::move(name);
-    }
+    return authorities.name(number);
 }
 
-void Store::forget_authorities() {
-    std::vector<std::uint64_t> ids;
-    for (FrameId id = 0; id < frames.count(); ++id) {
-        const std::uint64_t author = frames.word(id, history::kAuthority).load_relaxed();
-        if (author != 0 && (ids.empty() || ids.back() != author))
-            ids.push_back(author);
-    }
-    authorities.keep_only(std::move(ids), frames.count() / kFramesPerSpareName);
+std::string Store::author(FrameId id) const {
+    return author_name(frames.word(id, history::kAuthority).load_acquire());
 }
 
-StoreCommit Store::start_commit() {
-    if (authorities.crowded())
-        forget_authorities();
-    return {frames, scratch, history, *this};
+Epoch Store::epoch() const {
+    return {word(graph::kLifeNumber).load_relaxed(), word(graph::kLifeHigh).load_relaxed(),
+            word(graph::kLifeLow).load_relaxed()};
+}
+
+StoreCommit Store::start_commit(std::string_view authority) {
+    return {frames, scratch, history, *this, authorities.id(authority)};
 }
 
 bool Store::keeps_too_much() const {
@@ -233,6 +247,7 @@ void Store::repair() noexcept {
     sync::Word& deaths = shared->control->deaths();
     const bool died_in_memory = memory.repair();
     txn::Repair<StoreMemory>(frames, history, *this).run();
+    positions.repair();
     const std::uint64_t died = deaths.load_relaxed() + 1;
     if (must_sweep(died - shared->control->swept_deaths().load_relaxed(), died_in_memory)) {
         try {
@@ -252,6 +267,7 @@ void Store::sweep(std::uint64_t epoch) {
     visit(StoreMemory::root(), graph::kStoreBytes);
     names.visit_blocks(visit);
     authorities.visit_blocks(visit);
+    positions.visit_blocks(visit);
     for (FrameId id = 0; id < frames.count(); ++id) {
         history::EdgeSegments<StoreMemory>(memory, frames.header(id))
             .visit_blocks(visit, [&](std::uint64_t bytes) { held += bytes; });

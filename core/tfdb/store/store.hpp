@@ -18,6 +18,7 @@
 #include "tfdb/store/authorities.hpp"
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/engine.hpp"
+#include "tfdb/store/positions.hpp"
 #include "tfdb/store/transaction_life.hpp"
 #include "tfdb/store/waits.hpp"
 #include "tfdb/store/writer_lock.hpp"
@@ -77,23 +78,24 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     /// Whether what no new read needs is more than may be kept.
     [[nodiscard]] bool keeps_too_much() const;
     /// Starts a commit. The caller holds the commit lock; no other writer is active.
-    [[nodiscard]] StoreCommit start_commit();
-    /// `author`: a result of `authorities.id` since the commit was started.
+    [[nodiscard]] StoreCommit start_commit() { return {frames, scratch, history, *this}; }
+    /// The same for samples of one authority. Throws CapacityExceeded.
+    [[nodiscard]] StoreCommit start_commit(std::string_view authority);
+    /// `author`: a result of `author_number`.
     void set_author(FrameId id, std::uint64_t author) {
         auto& word = frames.word(id, history::kAuthority);
         if (word.load_relaxed() != author)
             word.store_relaxed(author);
     }
-    /// Whether names of authorities are to be dropped, which needs exclusive use.
-    [[nodiscard]] bool crowded() const { return authorities.crowded(); }
     [[nodiscard]] std::uint64_t author_number(std::string_view name) {
         return authorities.id(name);
     }
     [[nodiscard]] history::Readers& readers() { return *this; }
+    [[nodiscard]] std::string author_name(std::uint64_t number) const;
     /// The last writer of the frame.
     [[nodiscard]] std::string author(FrameId id) const;
-    /// Drops the names of authorities that no frame has; as `start_commit`.
-    void forget_authorities();
+    /// In which its commits are numbered.
+    [[nodiscard]] Epoch epoch() const;
 
     /// Throws Forked where the store is an orphan: this process was forked from one in which some
     /// thread was at work in the store. That thread is not here, so its locks stay taken.
@@ -107,9 +109,6 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
         FrameId parent;
         std::size_t index;
     };
-    /// Bounds the cost of the scan over frames per authority name.
-    static constexpr std::size_t kFramesPerSpareName = 8;
-
     static constexpr std::uint64_t kOrphan = 1;
     static constexpr std::uint64_t kNamesLost = 2;  // a thread was using the names of authorities
     static constexpr unsigned kForksShift = 2;
@@ -152,6 +151,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     std::vector<history::NewSample<StoreMemory>> samples;  // of one edge
     std::vector<std::size_t> members;                      // of the batch, that these are
     mutable Authorities authorities;
+    Positions positions;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};
     sync::Word aborts{};                // of transactions, conflicts included

@@ -120,19 +120,14 @@ std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch
     return mended;
 }
 
-/// Publishes what was written to the edges of `items`; false if it would close a cycle.
-bool publish(Store& store, StoreCommit& commit, std::string_view authority, std::uint64_t mended,
-             CommitNumber& number) {
+/// Publishes what was written; false if it would close a cycle.
+bool publish(Store& store, StoreCommit& commit, std::uint64_t mended, CommitNumber& number) {
     txn::Cycle cycle;
     if (commit.cycles().find(cycle))
         return false;
-    const std::uint64_t author = store.authorities.id(authority);
-    commit.prepare();  // from here on nothing throws
-    for (const auto& item : store.items)
-        store.set_author(item.child, author);
+    number = commit.publish();
     if (mended != 0)
         store.word(graph::kNormalised).fetch_add(mended);
-    number = commit.publish();
     return true;
 }
 
@@ -146,11 +141,11 @@ bool take(std::unique_lock<WriterLock>& guard, bool wait) {
 
 /// Publishes the batch; false if a member cannot be stored.
 bool store_all(Store& store, const Batch& batch, CommitNumber& number) {
-    StoreCommit commit = store.start_commit();
+    StoreCommit commit = store.start_commit(batch.authority());
     if (!resolve_items(store, commit, batch))
         return false;
     const std::uint64_t mended = append_items(store, commit, batch);
-    return publish(store, commit, batch.authority(), mended, number);
+    return publish(store, commit, mended, number);
 }
 
 /// A private copy of some rows of columns, which stay as they were judged.
@@ -191,7 +186,7 @@ private:
 /// member does not, or cannot be stored.
 bool store_columns(Store& store, const EdgeColumns& columns, std::string_view authority,
                    CommitNumber& number) {
-    StoreCommit commit = store.start_commit();
+    StoreCommit commit = store.start_commit(authority);
     const TransformView names{columns.parent, columns.child, 0, {}};
     FrameId parent = commit.find_frame(names.parent);
     FrameId child = commit.find_frame(names.child);
@@ -205,7 +200,6 @@ bool store_columns(Store& store, const EdgeColumns& columns, std::string_view au
     if (parent == child || changes_kind(edge, false))
         return false;
     (void)commit.touch(child);
-    store.items.assign(1, {child, parent, 0});
     Rows rows(columns);
     for (std::size_t first = 0; first < columns.stamps.size(); first += rows.count()) {
         if (!rows.take(first, edge.newest()))
@@ -220,7 +214,7 @@ bool store_columns(Store& store, const EdgeColumns& columns, std::string_view au
         commit.append_ahead(child, parent, rows.count(), row,
                             [&](std::size_t i) { return first + i; });
     }
-    return publish(store, commit, authority, rows.mended(), number);
+    return publish(store, commit, rows.mended(), number);
 }
 
 /// The rows as members, for the general way.

@@ -29,6 +29,7 @@ struct CommitScratch {
         FrameId old_parent;     // newest parent before this commit
         std::uint64_t samples;  // how many this commit adds, where they are counted
         std::uint64_t note;     // its position in the feed
+        std::uint64_t author;   // of those samples
         unsigned what;          // bits of FeedNote::What
         bool written;           // by `touch`
         bool one;               // it adds one, where they are not counted
@@ -49,14 +50,16 @@ template <class Memory>
 class Commit {
 public:
     /// `readers` is asked only when a segment is full or a slot is to be reused, and outlives it.
+    /// `author`: as in `set_author`.
     Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
-           history::Readers& readers)
+           history::Readers& readers, std::uint64_t author = 0)
         : frames_(frames),
           names_(frames),
           scratch_(scratch),
           context_(frames.store_word(graph::kCommit).load_relaxed(), history, readers),
           readers_(readers),
-          feed_(frames, context_.committed) {
+          feed_(frames, context_.committed),
+          author_(author) {
         if (context_.committed >= kMaxCommit - 1) {
             throw CapacityExceeded("the store has used up its commit numbers: start a new one");
         }
@@ -79,6 +82,11 @@ public:
     [[nodiscard]] SnapshotView<Memory> view() const {
         return {frames_, number(), context_.history};
     }
+
+    /// The number of the authority of the samples whose frames are touched from now on.
+    void set_author(std::uint64_t author) { author_ = author; }
+    /// The number of the source that all of it comes from: see history::SourceWord.
+    void set_source(std::uint64_t source) { source_ = source; }
 
     /// The frame of that name as this commit sees it, or kNoFrame.
     [[nodiscard]] FrameId find_frame(std::string_view name) const {
@@ -104,8 +112,8 @@ public:
             throw;
         }
         scratch_.touched_frames.insert(id, static_cast<std::uint32_t>(scratch_.touched.size()));
-        const std::uint64_t note = feed_.note(id, FeedNote::kMade, 0);
-        scratch_.touched.push_back({id, kNoFrame, 0, note, FeedNote::kMade, false, false});
+        const std::uint64_t note = feed_.note(id, FeedNote::kMade, 0, author_);
+        scratch_.touched.push_back({id, kNoFrame, 0, note, author_, FeedNote::kMade, false, false});
         frames_.make(id, number(), block);
         names_.insert(name, id);
         return id;
@@ -115,10 +123,12 @@ public:
     /// batch waits for the headers of many frames at once.
     [[nodiscard, gnu::always_inline]] bool touch(FrameId child) {
         const auto place = static_cast<std::uint32_t>(scratch_.touched.size());
-        if (!scratch_.touched_frames.insert(child, place))
+        if (!scratch_.touched_frames.insert(child, place)) {
+            touched(child).author = author_;
             return std::exchange(touched(child).written, true);
-        scratch_.touched.push_back({child, newest_parent(child), 0, 0, 0, true, true});
-        scratch_.touched.back().note = feed_.note(child, 0, 1);
+        }
+        scratch_.touched.push_back({child, newest_parent(child), 0, 0, author_, 0, true, true});
+        scratch_.touched.back().note = feed_.note(child, 0, 1, author_);
         return false;
     }
 
@@ -197,6 +207,11 @@ public:
         frames_.refresh_hint(child);
     }
 
+    /// How many samples of an edge came out of order; `touch(child)` came before.
+    void set_late(FrameId child, std::uint64_t samples) {
+        writer(child).set_late(context_, samples);
+    }
+
     /// The frame exists no longer; nothing names it as its newest parent.
     void remove(FrameId id) {
         reserve_touched();
@@ -204,7 +219,7 @@ public:
         feed_.note_removal(id, names_.stored_size(name), [&](std::uint64_t i) {
             return frames_.memory().word(name + 8 * (i + 1)).load_relaxed();
         });
-        scratch_.touched.push_back({id, kNoFrame, 0, 0, FeedNote::kRemoved, false, false});
+        scratch_.touched.push_back({id, kNoFrame, 0, 0, 0, FeedNote::kRemoved, false, false});
         what_ |= FeedNote::kRemoved;
         frames_.word(id, history::kDied).store_relaxed(number());
         auto& topology = frames_.word(id, history::kTopology);
@@ -215,24 +230,25 @@ public:
     [[nodiscard]] CycleSearch<Memory> cycles() {
         return {frames_, context_.committed, context_.history, scratch_.cycles};
     }
-    /// Does beforehand all of `publish` that may throw.
-    void prepare() {
-        refresh_depths();
-        prepared_ = true;
-    }
-
-    /// Makes all of it visible at once. Throws nothing after `prepare`, and only before anything
-    /// is visible.
+    /// Makes all of it visible at once. Where it throws, nothing has become visible.
     CommitNumber publish() {
-        if (!prepared_)
-            prepare();
+        return publish([] {});
+    }
+    /// The same; calls `before()`, which throws nothing, when nothing else can fail.
+    template <class Before>
+    CommitNumber publish(Before before) {
+        refresh_depths();
+        before();
         count_children();
         for (const Touched& touched : scratch_.touched) {
-            if ((touched.what | touched.samples) == 0 || (touched.what & FeedNote::kRemoved) != 0)
-                continue;
-            const std::uint64_t samples = touched.one ? 1 : 0;
-            feed_.correct(touched.note, touched.id, touched.what,
-                          std::max(samples, touched.samples));
+            const std::uint64_t samples = std::max<std::uint64_t>(touched.one, touched.samples);
+            if (samples != 0)
+                set_writer(touched);
+            else if (source_ != 0 && (touched.what & FeedNote::kMade) != 0)
+                frames_.word(touched.id, history::kSource)
+                    .store_relaxed(history::SourceWord::pack(source_, 0));
+            if ((touched.what | touched.samples) != 0 && (touched.what & FeedNote::kRemoved) == 0)
+                feed_.correct(touched.note, touched.id, touched.what, samples, touched.author);
         }
         frames_.store_word(graph::kCommit).store_release(number());
         published_ = true;
@@ -273,6 +289,19 @@ private:
     /// Of a frame that `touch` or `frame` was called for.
     [[nodiscard]] Touched& touched(FrameId id) const {
         return scratch_.touched[scratch_.touched_frames.place(id)];
+    }
+    /// Whose samples the edge has.
+    void set_writer(const Touched& touched) const {
+        auto& last = frames_.word(touched.id, history::kAuthority);
+        if (last.load_relaxed() != touched.author)
+            last.store_relaxed(touched.author);
+        if (source_ == 0) [[likely]]
+            return;
+        using history::SourceWord;
+        auto& source = frames_.word(touched.id, history::kSource);
+        const bool made = (touched.what & FeedNote::kMade) != 0;
+        const std::uint64_t maker = made ? source_ : SourceWord::maker(source.load_relaxed());
+        source.store_relaxed(SourceWord::pack(maker, source_));
     }
     void reserve_touched() const {
         // `reserve` alone grows to the very number asked for.
@@ -438,8 +467,9 @@ private:
     history::WriteContext context_;
     history::Readers& readers_;
     FeedWriter<Memory> feed_;
+    std::uint64_t author_;
+    std::uint64_t source_ = 0;
     unsigned what_ = 0;  // happened to any frame: clears and removals
-    bool prepared_ = false;
     bool published_ = false;
     bool depths_stale_ = false;  // a frame with children got another parent
 };

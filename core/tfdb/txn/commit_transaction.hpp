@@ -37,8 +37,10 @@ class ApplyWrites {
 public:
     using Writes = WriteSet<Memory>;
 
-    ApplyWrites(Commit<Memory>& commit, const Writes& writes)
-        : commit_(commit), writes_(writes), ids_(writes.made(), kNoFrame) {}
+    /// `authors`: the number of the authority of each edge.
+    ApplyWrites(Commit<Memory>& commit, const Writes& writes,
+                std::span<const std::uint64_t> authors)
+        : commit_(commit), writes_(writes), authors_(authors), ids_(writes.made(), kNoFrame) {}
 
     void apply() {
         for (const FrameId id : writes_.removed()) {
@@ -58,7 +60,9 @@ public:
             if (!writes_.is_removed(own))
                 ids_[place] = commit_.frame(writes_.name(own));
         }
+        auto author = authors_.begin();
         for (const auto& edge : writes_.edges()) {
+            commit_.set_author(*author++);
             if (edge.child != kNoFrame)
                 append(edge);
         }
@@ -112,6 +116,7 @@ private:
 
     Commit<Memory>& commit_;
     const Writes& writes_;
+    std::span<const std::uint64_t> authors_;
     std::vector<FrameId> ids_;  // of the frames that it makes, by place
     std::size_t items_ = 0;
 };
@@ -132,30 +137,22 @@ template <class Memory>
     return {};
 }
 
-/// The session is alone and what was read still holds. `Store` starts commits and knows authors:
-/// `author_number(name)` may throw, `set_author` not.
+/// The session is alone and what was read still holds. `Store` starts commits and numbers
+/// authorities: `author_number(name)` may throw.
 template <class Memory, class Store>
 [[nodiscard]] CommitOutcome commit_alone(const WriteSet<Memory>& writes, Store& store) {
     CommitOutcome outcome;
+    std::vector<std::uint64_t> authors;
+    for (const auto& edge : writes.edges())
+        authors.push_back(store.author_number(writes.author_of(edge)));
     Commit<Memory> commit = store.start_commit();
-    ApplyWrites<Memory> applied(commit, writes);
+    ApplyWrites<Memory> applied(commit, writes, authors);
     applied.apply();
     Cycle cycle;
     if (commit.cycles().find(cycle)) {
         outcome.kind = CommitOutcome::kCycle;
         applied.describe(cycle.item, outcome);
         return outcome;
-    }
-    std::vector<std::uint64_t> authors;
-    for (const auto& edge : writes.edges()) {
-        if (edge.child != kNoFrame)
-            authors.push_back(store.author_number(writes.author_of(edge)));
-    }
-    commit.prepare();  // from here on nothing throws
-    auto author = authors.begin();
-    for (const auto& edge : writes.edges()) {
-        if (edge.child != kNoFrame)
-            store.set_author(applied.real(edge.child), *author++);
     }
     outcome.commit = commit.publish();
     return outcome;

@@ -35,8 +35,8 @@ struct FeedEntry {
     static constexpr std::uint64_t end(std::uint64_t entry) { return first(entry) + words(entry); }
 };
 
-/// First word of a note: count << 24 | what << 20 | frame. The count is that of samples; behind a
-/// removal that of the name's bytes, which follow in words.
+/// First word of a note: count << 40 | authority << 24 | what << 20 | frame. The count is that of
+/// samples; of a removal that of the name's bytes, which follow in words.
 struct FeedNote {
     enum What : unsigned {
         kMade = 1,
@@ -45,9 +45,16 @@ struct FeedNote {
         kRemoved = 8,
     };
     static constexpr unsigned kWhatBits = 4;
+    static constexpr unsigned kAuthorityBits = 16;
+    static constexpr unsigned kCountShift = kFrameBits + kWhatBits + kAuthorityBits;
+    /// This count means: so many samples, or more.
+    static constexpr std::uint64_t kMostSamples = ~std::uint64_t{0} >> kCountShift;
 
-    static constexpr std::uint64_t pack(FrameId id, unsigned what, std::uint64_t count) {
-        return (count << kWhatBits | what) << kFrameBits | id;
+    /// `authority`: the number of the writer of the samples.
+    static constexpr std::uint64_t pack(FrameId id, unsigned what, std::uint64_t count,
+                                        std::uint64_t authority = 0) {
+        return std::min(count, kMostSamples) << kCountShift |
+               authority << (kFrameBits + kWhatBits) | std::uint64_t{what} << kFrameBits | id;
     }
     static constexpr FrameId id(std::uint64_t note) {
         return static_cast<FrameId>(note & kNoFrame);
@@ -55,9 +62,10 @@ struct FeedNote {
     static constexpr unsigned what(std::uint64_t note) {
         return static_cast<unsigned>(note >> kFrameBits) & ((1U << kWhatBits) - 1);
     }
-    static constexpr std::uint64_t count(std::uint64_t note) {
-        return note >> (kFrameBits + kWhatBits);
+    static constexpr std::uint64_t authority(std::uint64_t note) {
+        return note >> (kFrameBits + kWhatBits) & ((1U << kAuthorityBits) - 1);
     }
+    static constexpr std::uint64_t count(std::uint64_t note) { return note >> kCountShift; }
     static constexpr std::uint64_t name_words(std::uint64_t note) { return (count(note) + 7) / 8; }
 };
 
@@ -155,9 +163,9 @@ public:
     }
 
     /// Before anything of the frame is changed. Returns the note's position.
-    std::uint64_t note(FrameId id, unsigned what, std::uint64_t count) {
+    std::uint64_t note(FrameId id, unsigned what, std::uint64_t count, std::uint64_t authority) {
         const std::uint64_t position = at_;
-        put(FeedNote::pack(id, what, count));
+        put(FeedNote::pack(id, what, count, authority));
         return position;
     }
     /// The same of a frame that is to be removed. `name_word(i)`: eight bytes of its name.
@@ -169,9 +177,10 @@ public:
             put(name_word(i));
     }
     /// Before the commit is published: what became of it.
-    void correct(std::uint64_t position, FrameId id, unsigned what, std::uint64_t count) {
+    void correct(std::uint64_t position, FrameId id, unsigned what, std::uint64_t count,
+                 std::uint64_t authority) {
         if (position < at_)
-            feed_.word(position).store_relaxed(FeedNote::pack(id, what, count));
+            feed_.word(position).store_relaxed(FeedNote::pack(id, what, count, authority));
     }
 
 private:

@@ -24,6 +24,7 @@ struct Script {
 
 inline constexpr FrameId kFrames = 8;
 inline constexpr std::uint64_t kNameBytes = 11;
+inline constexpr std::uint64_t kAuthor = 65'535;
 
 inline std::uint64_t name_word(FrameId id, std::uint64_t i) {
     return 1000 + 10 * std::uint64_t{id} + i;
@@ -37,7 +38,7 @@ inline std::vector<std::uint64_t> words_of(const Step& step) {
             words.push_back(FeedNote::pack(id, FeedNote::kRemoved, kNameBytes));
             words.insert(words.end(), {name_word(id, 0), name_word(id, 1)});
         } else {
-            words.push_back(FeedNote::pack(id, FeedNote::kMoved, id + 1));
+            words.push_back(FeedNote::pack(id, FeedNote::kMoved, id + 1, kAuthor));
         }
     }
     return words;
@@ -84,7 +85,7 @@ struct Store {
                 writer.note_removal(id, kNameBytes,
                                     [id](std::uint64_t i) { return name_word(id, i); });
             else
-                notes.push_back(writer.note(id, 0, 1));
+                notes.push_back(writer.note(id, 0, 1, kAuthor));
             changed(id).store_release(committed + 1);
         }
         if (step.aborted) {
@@ -93,7 +94,7 @@ struct Store {
             return;
         }
         for (std::size_t i = 0; i < notes.size(); ++i)
-            writer.correct(notes[i], step.frames[i], FeedNote::kMoved, step.frames[i] + 1);
+            writer.correct(notes[i], step.frames[i], FeedNote::kMoved, step.frames[i] + 1, kAuthor);
         commit().store_release(committed + 1);
     }
 

@@ -29,9 +29,7 @@ public:
         return {forest_.frames, forest_.scratch, forest_.history, forest_};
     }
     [[nodiscard]] history::Readers& readers() { return forest_; }
-    [[nodiscard]] bool crowded() const { return false; }
     [[nodiscard]] std::uint64_t author_number(std::string_view) const { return 0; }
-    void set_author(FrameId, std::uint64_t) {}
 
     const graph::Frames<ForestMemory>& frames;
     StampNs history;

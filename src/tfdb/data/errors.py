@@ -25,9 +25,11 @@ __all__ = [
     "Disconnected",
     "Extrapolation",
     "FeedLapped",
+    "Fenced",
     "Forked",
     "FrameInUse",
     "GapTooLarge",
+    "Gone",
     "InvalidArgument",
     "InvalidArray",
     "InvalidIndex",
@@ -44,6 +46,7 @@ __all__ = [
     "NodeClosed",
     "NotComparable",
     "NotSupported",
+    "OutOfOrder",
     "ReadOnly",
     "RecordingError",
     "RepeatedStamp",
@@ -316,6 +319,28 @@ class FeedLapped(TfdbError):
     commit is overwritten next. The feed of a frozen store is empty.
 
     Fields: since, oldest, newest (the valid range of `since`), commit.
+    """
+
+
+class Gone(TfdbError):
+    """Samples of a commit are no longer kept: take a snapshot's state and go on from its commit.
+
+    They were evicted, replaced, cleared or removed since. None is while a snapshot of the position
+    is held. Fields: edge (the child), commit.
+    """
+
+
+class OutOfOrder(TfdbError):
+    """Commits of another store do not follow the position: apply those between, or a state.
+
+    Fields: since (the commit before them), commit (the position).
+    """
+
+
+class Fenced(TfdbError):
+    """Commits of another store are of an epoch that has ended: a later one has been applied.
+
+    Fields: since (the commit before them), commit (the position).
     """
 
 

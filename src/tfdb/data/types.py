@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from tfdb._core import pose_parts, poses_of_matrices
 
@@ -30,10 +30,12 @@ __all__ = [
     "Changes",
     "Columns",
     "Counters",
+    "Epoch",
     "FrameInfo",
     "Frozen",
     "IngestResult",
     "MemoryUse",
+    "Position",
     "Refusal",
     "Refused",
     "RefusedEdge",
@@ -382,6 +384,8 @@ class Changes:
     """The stored moving samples T[parent<-child], edge by edge, in stamp order."""
     stored_static: Columns
     """The stored static transforms T[parent<-child]."""
+    authorities: tuple[str, ...]
+    """The writer of each row of `stored`, then of each row of `stored_static`."""
     made: tuple[str, ...]
     """New frames."""
     moved: tuple[str, ...]
@@ -413,6 +417,27 @@ class Changes:
         from .notebooks import of_changes  # noqa: PLC0415 - needed by few
 
         return of_changes(self)
+
+
+class Epoch(NamedTuple):
+    """One life of a store, in which its commits are numbered. Of two the greater is the later."""
+
+    number: int
+    """Nanoseconds since 1970 when the store was made."""
+    id: bytes
+    """16 random bytes, which tell two stores with the same number apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """How far the commits of another store have been applied, from `Buffer.apply`."""
+
+    source: str
+    """What this store calls the other one."""
+    epoch: Epoch
+    """The epoch of the other store."""
+    commit: int
+    """The last commit of it that has been applied."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,238 @@
+// Commits and states as bytes, from and into stores.
+#include <nanobind/stl/string.h>
+
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "arguments.hpp"
+#include "bytes_like.hpp"
+#include "errors.hpp"
+#include "reads.hpp"
+#include "records.hpp"
+#include "writes.hpp"
+
+namespace tfdb::python {
+namespace {
+
+nb::bytes bytes_of(const std::vector<std::byte>& bytes) {
+    return nb::bytes(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+}
+
+/// (number, id): the id as 16 bytes.
+nb::object epoch_record(const Epoch& epoch) {
+    char id[16];
+    for (std::size_t i = 0; i < 8; ++i) {
+        id[i] = static_cast<char>(epoch.high >> (8 * (7 - i)));
+        id[8 + i] = static_cast<char>(epoch.low >> (8 * (7 - i)));
+    }
+    return record_type("Epoch")(epoch.number, nb::bytes(id, sizeof id));
+}
+
+nb::object position_record(const Position& position) {
+    return record_type("Position")(str_of_name(position.source), epoch_record(position.epoch),
+                                   position.commit);
+}
+
+nb::bytes commits_bytes(BufferObject& self, nb::handle since, nb::handle max_commits,
+                        nb::handle max_bytes, nb::handle frames) {
+    const CommitNumber from = count_of(since, "since", 0, kMaxCommit);
+    SampleLimits limits;
+    limits.commits = count_of(max_commits, "max_commits", 1, kMaxCommit);
+    limits.bytes = count_of(max_bytes, "max_bytes", 1, kMaxCommit);
+    const ChosenFrames chosen(frames);
+    std::vector<std::byte> bytes;
+    {
+        const LongWork work(true);
+        bytes = self.open_store().commits_bytes(from, limits, chosen.only());
+    }
+    return bytes_of(bytes);
+}
+
+nb::bytes state_bytes(nb::handle self, nb::handle frames, nb::handle newest) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const ChosenFrames chosen(frames);
+    const std::size_t most =
+        newest.is_none() ? ~std::size_t{0} : count_of(newest, "newest", 1, kMaxCommit);
+    std::vector<std::byte> bytes;
+    {
+        const LongWork work(true);
+        bytes = pinned.keep->state_bytes(chosen.only(), most);
+    }
+    return bytes_of(bytes);
+}
+
+/// Warns of each frame once.
+void warn_of_replaced(BufferObject& self, const std::vector<std::string>& frames,
+                      std::string_view source) {
+    for (const std::string& frame : frames) {
+        if (!self.warned.is_new(ErrorCode::kCycle, frame))
+            continue;
+        const nb::object text =
+            escaped("frame '" + frame + "' has the parent that source '" + std::string(source) +
+                    "' gives it: it replaces the one that was stored here");
+        const nb::object kind = nb::module_::import_("tfdb.data.errors").attr("TfdbWarning");
+        if (PyErr_WarnFormat(kind.ptr(), 1, "%U", text.ptr()) != 0)
+            throw nb::python_error();
+    }
+}
+
+nb::object apply(BufferObject& self, nb::handle data, nb::handle source, nb::handle prefix,
+                 nb::handle shared) {
+    const BytesLike bytes(data, "data");
+    const FrameNames unprefixed(shared);
+    ApplyOptions options;
+    options.source = name_of(source, "source");
+    options.prefix = name_of(prefix, "prefix");
+    options.shared = unprefixed.views();
+    for (const std::string_view text : {options.source, options.prefix}) {
+        if (text.size() > kMaxNameBytes) {
+            throw InvalidArgument("source and prefix have at most 1024 bytes, not " +
+                                  std::to_string(text.size()));
+        }
+    }
+    Applied applied;
+    {
+        const LongWork work(true);
+        applied = self.open_store().apply(bytes.bytes(), options);
+    }
+    nb::object position = position_record(applied.position);
+    warn_of_replaced(self, applied.replaced, options.source);
+    return position;
+}
+
+nb::list positions(BufferObject& self) {
+    nb::list records;
+    for (const Position& position : self.open_store().positions())
+        records.append(position_record(position));
+    return records;
+}
+
+constexpr const char* kCommitsBytesDoc =
+    R"(Return the commits after `since` as bytes, for `apply` of another buffer.
+
+Each commit is whole, with everything that it stored, cleared and removed, poses to the last bit.
+`docs/wire.md` describes the bytes.
+
+Parameters
+----------
+since
+    A commit: that of a snapshot, or of the position that `apply` returned. 0: from the beginning.
+max_commits
+    Largest number of commits.
+max_bytes
+    Largest size. A single commit is never cut; a larger one is returned alone.
+frames
+    Frames, or one: only these and their edges. None: all.
+
+Returns
+-------
+bytes
+    Empty if nothing was committed since.
+
+Raises
+------
+FeedLapped
+    The feed does not reach back that far: take `state_bytes` of a snapshot.
+Gone
+    A sample of these commits is no longer kept. Hold a snapshot of your position to prevent it.
+InvalidArgument
+    The commit does not exist yet, or a limit is not positive.
+NotSupported
+    The engine keeps no feed: `snapshot` and `giant` do.
+TransactionActive
+    This thread has a transaction open in the store.)";
+
+constexpr const char* kApplyDoc =
+    R"(Apply commits or a state of another store, from `commits_bytes` or `state_bytes`.
+
+Each commit becomes one commit here. A state becomes one commit, which first takes away what this
+source had: no reader sees an empty or a mixed store. The position is stored by the same commit, so
+a process that is killed finds in `positions()` where to go on. Commits at or before the position
+are skipped.
+
+A frame that is a root at its source may get a parent here, by any writer. It is kept until the
+source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
+stays, without its samples, while a frame of another writer is its child.
+
+Parameters
+----------
+data
+    The bytes.
+prefix
+    Text before the name of each frame, such as `robot1/`. It is fixed by the first call, and must
+    not be the beginning of another source's prefix.
+shared
+    Frames that get no prefix, such as `map`.
+source
+    What this store calls the other one.
+
+Returns
+-------
+Position
+    How far the source's commits are applied: pass its `commit` to `commits_bytes`.
+
+Raises
+------
+OutOfOrder
+    Commits before these are missing, or they are of a later epoch: apply a state first.
+Fenced
+    They are of an epoch that has ended.
+CorruptMessage
+    The bytes are damaged, cut short, or of another version; `offset` is the byte.
+InvalidName, InvalidTransform, InvalidStamp, StaticConflict, CycleError, FrameInUse
+    They cannot be stored.
+InvalidArgument
+    The prefix is not the one of the first call, or it overlaps another source's.
+CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
+    As of a write.
+
+Of these bytes the commits before the refused one are applied; it and later ones are not.)";
+
+constexpr const char* kStateBytesDoc =
+    R"(Return this state as bytes, for `apply` of another buffer.
+
+Parameters
+----------
+frames
+    Frames, or one: only these and their edges. None: all.
+newest
+    Largest number of samples of each edge, the newest ones. None: all.
+
+Raises SnapshotTooOld, SnapshotClosed.)";
+
+}  // namespace
+
+void bind_commits(nb::class_<BufferObject, ReadsObject>& type) {
+    type.def("commits_bytes", &commits_bytes, nb::arg("since").none(), nb::kw_only(),
+             nb::arg("max_commits").none() = 64, nb::arg("max_bytes").none() = 1 << 20,
+             nb::arg("frames").none() = nb::none(),
+             nb::sig("def commits_bytes(self, since: int, *, max_commits: int = 64, "
+                     "max_bytes: int = 1048576, "
+                     "frames: str | collections.abc.Iterable[str] | None = None) -> bytes"),
+             kCommitsBytesDoc);
+    type.def("apply", &apply, nb::arg("data").none(), nb::kw_only(), nb::arg("source").none() = "",
+             nb::arg("prefix").none() = "", nb::arg("shared").none() = nb::make_tuple(),
+             nb::sig("def apply(self, data: bytes, *, source: str = '', prefix: str = '', "
+                     "shared: str | collections.abc.Iterable[str] = ()) -> tfdb.types.Position"),
+             kApplyDoc);
+    type.def("positions", &positions, nb::sig("def positions(self) -> list[tfdb.types.Position]"),
+             R"(Return how far the commits of each source have been applied.
+
+In the order in which the sources came first.)");
+    type.def_prop_ro(
+        "epoch", [](BufferObject& self) { return epoch_record(self.open_store().epoch()); },
+        nb::sig("def epoch(self) -> tfdb.types.Epoch"),
+        "The store's epoch: a new store has a later one. Its commits are numbered in it.");
+}
+
+void bind_state_bytes(nb::class_<SnapshotObject, ReadsObject>& type) {
+    type.def("state_bytes", &state_bytes, nb::kw_only(), nb::arg("frames").none() = nb::none(),
+             nb::arg("newest").none() = nb::none(),
+             nb::sig("def state_bytes(self, *, "
+                     "frames: str | collections.abc.Iterable[str] | None = None, "
+                     "newest: int | None = None) -> bytes"),
+             kStateBytesDoc);
+}
+
+}  // namespace tfdb::python

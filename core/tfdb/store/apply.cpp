@@ -1,0 +1,468 @@
+// Commits and states of other stores, applied: see docs/wire.md.
+#include <algorithm>
+#include <bit>
+#include <cstdio>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "tfdb/store/writes.hpp"
+#include "tfdb/txn/frame_places.hpp"
+#include "tfdb/wire/commit_sample.hpp"
+
+namespace tfdb::store {
+namespace {
+
+using history::SourceWord;
+using wire::CommitSample;
+
+/// A sample of another store, with the names that its frames have here.
+/// Threads: the holder of the commit lock. Guarantee: one call of `commit` is one commit, all or
+/// nothing.
+class Applying {
+public:
+    Applying(Store& store, const CommitSample& sample, const ApplyOptions& options)
+        : store_(store), sample_(sample), options_(options) {
+        names_.reserve(sample.names.size());
+        for (const std::string_view name : sample.names) {
+            const bool shared = std::find(options.shared.begin(), options.shared.end(), name) !=
+                                options.shared.end();
+            names_.push_back(shared ? std::string(name) : std::string(options.prefix).append(name));
+            const std::string& here = names_.back();
+            const char* const fault = is_text(here) ? name_fault(here) : "is not UTF-8";
+            if (fault != nullptr) {
+                ErrorDetail detail;
+                detail.frame = here;
+                detail.reason = fault;
+                throw InvalidName("frame " + quoted(here) + " of source " + quoted(options.source) +
+                                      " " + fault + kNameRule,
+                                  std::move(detail));
+            }
+        }
+        for (std::size_t i = 0; i < sample.rows.size(); ++i)
+            check_numbers(i);
+    }
+
+    /// None: nothing of the source was applied yet.
+    [[nodiscard]] std::optional<Position> position() {
+        record_ = store_.positions.find(options_.source);
+        if (record_ == 0)
+            return std::nullopt;
+        if (const std::string prefix = store_.positions.prefix(record_);
+            prefix != options_.prefix) {
+            throw InvalidArgument("source " + quoted(options_.source) +
+                                  " was applied with prefix " + quoted(prefix) + ", not " +
+                                  quoted(options_.prefix));
+        }
+        return store_.positions.position(record_);
+    }
+
+    /// Applies one commit of the sample; the position is then `until`.
+    void commit(const CommitSample::Commit& commit, CommitNumber until) {
+        if (record_ == 0)
+            record_ = store_.positions.make(options_.source, options_.prefix);
+        source_ = store_.positions.number(record_);
+        ids_.assign(names_.size(), kNoFrame);
+        gone_.assign(names_.size(), kNoFrame);
+        cleared_.clear();
+        removed_.clear();
+        removed_parent_ = kNoFrame;
+        may_be_in_use_ = false;
+        const bool is_state = sample_.kind == CommitSample::Kind::kState;
+        const std::vector<std::uint64_t> authors = number_authors();
+        StoreCommit made = store_.start_commit();
+        made.set_source(source_);
+        commit_ = &made;
+        if (is_state)
+            take_away();
+        remove(sample_.names_of(commit.removed));
+        clear(sample_.names_of(commit.cleared));
+        for (const std::uint32_t name : sample_.names_of(commit.passing))
+            pass(name);
+        for (const std::uint32_t name : sample_.names_of(commit.made))
+            (void)frame(name);
+        for (const CommitSample::Edge& edge : sample_.edges_of(commit)) {
+            store_edge(edge, authors[edge.authority]);
+            if (is_state)
+                set_late(edge);
+        }
+        check_removed();
+        check_cycles();
+        made.publish([&] { store_.positions.set(record_, sample_.epoch, until); });
+        commit_ = nullptr;
+    }
+    /// Frames whose local parents were replaced.
+    [[nodiscard]] std::vector<std::string> take_replaced() { return std::move(replaced_); }
+
+private:
+    [[nodiscard]] static Pose pose_of(const CommitSample::Row& row) {
+        return std::bit_cast<Pose>(row.numbers);
+    }
+    [[nodiscard]] TransformView view_of(const CommitSample::Edge& edge,
+                                        const CommitSample::Row& row) const {
+        return {row.parent < names_.size() ? std::string_view(names_[row.parent]) : "",
+                names_[edge.child], row.stamp, pose_of(row)};
+    }
+    [[nodiscard]] const CommitSample::Edge& edge_of(std::size_t row) const {
+        const auto behind =
+            std::upper_bound(sample_.edges.begin(), sample_.edges.end(), row,
+                             [](std::size_t at, const auto& edge) { return at < edge.rows.first; });
+        return behind[-1];
+    }
+    void check_numbers(std::size_t i) const {
+        const CommitSample::Row& row = sample_.rows[i];
+        const Pose pose = pose_of(row);
+        if (is_finite(pose.translation) && is_rotation(pose.rotation) && clock::is_stamp(row.stamp))
+            [[likely]]
+            return;
+        const CommitSample::Edge& edge = edge_of(i);
+        TransformView view = view_of(edge, row);
+        if (view.parent.empty())
+            view.parent = "(removed)";
+        if (Fault fault = fault_alone(view, i, edge.is_static, authority_of(edge)))
+            throw_fault(std::move(*fault));
+    }
+    [[noreturn]] static void throw_fault(Error fault) {
+        Refusals refusals;
+        refusals.add(std::move(fault));
+        refusals.raise("a sample");
+    }
+    [[nodiscard]] std::string_view authority_of(const CommitSample::Edge& edge) const {
+        return sample_.authorities[edge.authority];
+    }
+    [[nodiscard]] std::vector<std::uint64_t> number_authors() const {
+        std::vector<std::uint64_t> numbers;
+        numbers.reserve(sample_.authorities.size());
+        for (const std::string_view name : sample_.authorities)
+            numbers.push_back(store_.author_number(name));
+        return numbers;
+    }
+
+    [[nodiscard]] FrameId find(std::uint32_t name) {
+        if (ids_[name] == kNoFrame)
+            ids_[name] = commit_->find_frame(names_[name]);
+        return ids_[name];
+    }
+    [[nodiscard]] FrameId frame(std::uint32_t name) {
+        if (ids_[name] == kNoFrame)
+            ids_[name] = commit_->frame(names_[name]);
+        return ids_[name];
+    }
+    [[nodiscard]] history::EdgeWriter<StoreMemory> edge(FrameId id) const {
+        return {store_.memory, store_.frames.header(id)};
+    }
+    [[nodiscard]] std::uint64_t source_word(FrameId id) const {
+        return store_.frames.word(id, history::kSource).load_relaxed();
+    }
+    /// Whether its samples are the source's.
+    [[nodiscard]] bool is_written_here(FrameId id) const {
+        return SourceWord::writer(source_word(id)) == source_;
+    }
+
+    /// At most once in a commit for each edge.
+    void clear_edge(FrameId id) {
+        if (!edge(id).has_samples() || !cleared_.insert(id))
+            return;
+        commit_->set_author(0);
+        (void)commit_->touch(id);
+        commit_->clear(id);
+    }
+    void clear(std::span<const std::uint32_t> names) {
+        for (const std::uint32_t name : names) {
+            const FrameId id = find(name);
+            if (id != kNoFrame && is_written_here(id))
+                clear_edge(id);
+        }
+    }
+
+    void remove(std::span<const std::uint32_t> names) {
+        for (const std::uint32_t name : names) {
+            const FrameId id = find(name);
+            ids_[name] = kNoFrame;
+            gone_[name] = id;
+            if (id != kNoFrame)
+                remove(id);
+        }
+    }
+    /// A frame that others made, or that has children of others, stays, without its samples.
+    void remove(FrameId id) {
+        if (SourceWord::maker(source_word(id)) != source_ || has_foreign_child(id)) {
+            if (is_written_here(id))
+                clear_edge(id);
+            return;
+        }
+        may_be_in_use_ |= store_.frames.word(id, history::kChildren).load_relaxed() != 0;
+        commit_->remove(id);
+        removed_.insert(id);
+    }
+    [[nodiscard]] bool has_foreign_child(FrameId id) const {
+        if (store_.frames.word(id, history::kChildren).load_relaxed() == 0)
+            return false;
+        const StoreView view = store_.view(store_.committed());
+        for (FrameId child = 0; child < store_.frames.count(); ++child) {
+            if (view.alive(child) && !is_written_here(child) && newest_parent(child) == id)
+                return true;
+        }
+        return false;
+    }
+    [[nodiscard]] FrameId newest_parent(FrameId id) const {
+        return txn::newest_parent(store_.frames, id, store_.committed(), store_.history);
+    }
+    /// Made and removed: samples of others name it.
+    void pass(std::uint32_t name) {
+        gone_[name] = commit_->find_frame(names_[name]);
+        if (gone_[name] != kNoFrame)
+            return;
+        gone_[name] = commit_->frame(names_[name]);
+        commit_->remove(gone_[name]);
+        removed_.insert(gone_[name]);
+    }
+
+    /// Before a state: of what the source had, what the state lacks goes, and all samples. A frame
+    /// that has lost its samples here and never had any in the state is another one.
+    void take_away() {
+        txn::FrameSet stays;
+        for (std::uint32_t name = 0; name < names_.size(); ++name) {
+            const FrameId id = find(name);
+            if (id == kNoFrame)
+                continue;
+            const bool is_bare = name < sample_.edges.size() &&
+                                 sample_.edges[name].rows.count == 0 &&
+                                 !sample_.edges[name].cleared;
+            const bool was_ours = edge(id).has_samples()
+                                      ? is_written_here(id)
+                                      : (edge(id).topology() & history::Topology::kCleared) != 0;
+            if (!is_bare || !was_ours)
+                stays.insert(id);
+        }
+        const StoreView view = store_.view(store_.committed());
+        std::vector<FrameId> goes;
+        for (FrameId id = 0; id < store_.frames.count(); ++id) {
+            if (!view.alive(id))
+                continue;
+            if (!stays.contains(id) && SourceWord::maker(source_word(id)) == source_)
+                goes.push_back(id);
+            else if (is_written_here(id))
+                clear_edge(id);
+        }
+        for (const FrameId id : goes)
+            remove(id);
+        ids_.assign(names_.size(), kNoFrame);
+    }
+
+    void store_edge(const CommitSample::Edge& edge, std::uint64_t author) {
+        const auto rows = sample_.rows_of(edge);
+        const FrameId child = frame(edge.child);
+        auto writer = this->edge(child);
+        if (rows.empty()) {
+            if (edge.cleared)
+                mark_cleared(child);
+            return;
+        }
+        if (writer.has_samples() && !cleared_.contains(child)) {
+            if (!is_written_here(child)) {
+                replaced_.push_back(names_[edge.child]);
+                clear_edge(child);
+            } else if (writer.is_static() != edge.is_static) {
+                throw_fault(static_conflict(view_of(edge, rows.front()), edge.rows.first,
+                                            edge.is_static, authority_of(edge)));
+            }
+        }
+        commit_->set_author(author);
+        (void)commit_->touch(child);
+        auto& samples = store_.samples;
+        auto& items = store_.members;
+        samples.clear();
+        items.clear();
+        const StampNs newest = std::max(rows.back().stamp, writer.newest());
+        for (std::size_t i = 0; i < rows.size(); ++i) {
+            const CommitSample::Row& row = rows[i];
+            // This store's history may be the shorter one.
+            if (!edge.is_static && row.stamp < newest - store_.history)
+                continue;
+            history::NewSample<StoreMemory> sample;
+            sample.stamp = edge.is_static ? history::kStaticStamp : row.stamp;
+            sample.parent = parent_of(row, edge);
+            fill_payload(pose_of(row), sample);
+            samples.push_back(sample);
+            items.push_back(edge.rows.first + i);
+        }
+        if (samples.size() == 1)
+            commit_->append(child, samples.front(), items.front());
+        else
+            commit_->append(child, std::span<const history::NewSample<StoreMemory>>(samples),
+                            [&](std::size_t i) { return items[i]; });
+    }
+    void set_late(const CommitSample::Edge& edge) {
+        const FrameId child = ids_[edge.child];
+        const auto& late = store_.frames.word(child, history::kLate);
+        const bool is_ours = !sample_.rows_of(edge).empty() || edge.cleared;
+        if (!is_ours || late.load_relaxed() == edge.late)
+            return;
+        (void)commit_->touch(child);
+        commit_->set_late(child, edge.late);
+    }
+    void mark_cleared(FrameId id) {
+        if (cleared_.contains(id) || edge(id).has_samples())
+            return;
+        cleared_.insert(id);
+        commit_->set_author(0);
+        (void)commit_->touch(id);
+        commit_->clear(id);
+    }
+
+    [[nodiscard]] FrameId parent_of(const CommitSample::Row& row, const CommitSample::Edge& edge) {
+        if (!row.gone) {
+            const FrameId parent = frame(row.parent);
+            if (parent == ids_[edge.child])
+                throw_fault(cycle_fault(view_of(edge, row), edge.rows.first, authority_of(edge)));
+            return parent;
+        }
+        may_be_in_use_ = true;
+        if (sample_.kind == CommitSample::Kind::kState)
+            return removed_parent();
+        if (gone_[row.parent] == kNoFrame)
+            gone_[row.parent] = removed_parent();
+        return gone_[row.parent];
+    }
+    /// For samples whose parents were removed long ago: a frame that is made and removed.
+    [[nodiscard]] FrameId removed_parent() {
+        if (removed_parent_ == kNoFrame) {
+            std::string name = "(removed)";
+            while (commit_->find_frame(name) != kNoFrame)
+                name += '_';
+            removed_parent_ = commit_->frame(name);
+            commit_->remove(removed_parent_);
+            removed_.insert(removed_parent_);
+        }
+        return removed_parent_;
+    }
+
+    /// Nothing that stays may have a parent that goes.
+    void check_removed() {
+        if (!may_be_in_use_)
+            return;
+        const StoreView view = commit_->view();
+        for (FrameId id = 0; id < store_.frames.count(); ++id) {
+            if (!view.alive(id))
+                continue;
+            const FrameId parent = commit_->newest_parent(id);
+            if (parent < store_.frames.count() && removed_.contains(parent))
+                throw_fault(frame_in_use(store_.names.name(parent), 0, {store_.names.name(id)}));
+        }
+    }
+    void check_cycles() {
+        txn::Cycle cycle;
+        if (!commit_->cycles().find(cycle))
+            return;
+        const CommitSample::Edge& edge = edge_of(cycle.item);
+        throw_fault(
+            cycle_fault(view_of(edge, sample_.rows[cycle.item]), cycle.item, authority_of(edge)));
+    }
+
+    Store& store_;
+    const CommitSample& sample_;
+    const ApplyOptions& options_;
+    std::vector<std::string> names_;  // as they are here
+    std::vector<std::string> replaced_;
+    Positions::Record record_ = 0;
+    std::uint64_t source_ = 0;
+    // Of one commit:
+    StoreCommit* commit_ = nullptr;
+    std::vector<FrameId> ids_;   // by name
+    std::vector<FrameId> gone_;  // by name: those that the commit removed
+    txn::FrameSet cleared_;
+    txn::FrameSet removed_;
+    FrameId removed_parent_ = kNoFrame;
+    bool may_be_in_use_ = false;  // what was removed, by frames that stay
+};
+
+std::string text_of(const Epoch& epoch) {
+    char id[33];
+    (void)std::snprintf(id, sizeof id, "%016llx%016llx",
+                        static_cast<unsigned long long>(epoch.high),
+                        static_cast<unsigned long long>(epoch.low));
+    return std::to_string(epoch.number) + "-" + id;
+}
+
+/// Judges an epoch and a commit before which nothing may be missing. Throws Fenced, OutOfOrder.
+void check_follows(const CommitSample& sample, const ApplyOptions& options,
+                   const std::optional<Position>& position) {
+    const std::string of_source = " of source " + quoted(options.source);
+    ErrorDetail detail;
+    detail.since = sample.since;
+    if (position)
+        detail.commit = position->commit;
+    if (position && sample.epoch < position->epoch) {
+        throw Fenced("epoch " + text_of(sample.epoch) + of_source +
+                         " has ended: commits of epoch " + text_of(position->epoch) +
+                         " have been applied",
+                     std::move(detail));
+    }
+    if (sample.kind == CommitSample::Kind::kState)
+        return;
+    const char* const way = ": apply a state of the source (state_bytes) first";
+    if (position ? sample.epoch != position->epoch : sample.since != 0) {
+        throw OutOfOrder((position ? "epoch " + text_of(sample.epoch) + of_source +
+                                         " is later than " + text_of(position->epoch)
+                                   : "nothing" + of_source +
+                                         " has been applied yet, these are the "
+                                         "commits after " +
+                                         std::to_string(sample.since)) +
+                             way,
+                         std::move(detail));
+    }
+    if (position && sample.since > position->commit) {
+        throw OutOfOrder("commits " + std::to_string(position->commit + 1) + " to " +
+                             std::to_string(sample.since) + of_source +
+                             " are missing: apply them first, or a state",
+                         std::move(detail));
+    }
+}
+
+}  // namespace
+}  // namespace tfdb::store
+
+namespace tfdb {
+
+Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& options) {
+    if (store_->engine != nullptr) {
+        throw NotSupported("commits cannot be applied in the engine '" +
+                           std::string(concurrency_name(store_->concurrency)) +
+                           "': only in the default one, 'snapshot'");
+    }
+    store::check_not_in_transaction(*store_);
+    const txn::KeptByThread<wire::CommitSample> kept;
+    wire::CommitSample& sample = *kept;
+    sample.decode(data);
+    store::Applying applying(*store_, sample, options);
+    std::size_t next = 0;
+    for (bool done = false; !done;) {
+        const std::lock_guard guard(store_->lock);
+        const std::optional<Position> position = applying.position();
+        store::check_follows(sample, options, position);
+        const bool is_new_epoch = !position || sample.epoch != position->epoch;
+        if (!is_new_epoch && sample.last <= position->commit)
+            return {*position, applying.take_replaced()};
+        const auto& commits = sample.commits;
+        while (next < commits.size() && !is_new_epoch && commits[next].number <= position->commit)
+            ++next;
+        done = next + 1 >= commits.size();
+        // Commits that did nothing to the frames of the sample are not in it.
+        const wire::CommitSample::Commit nothing{};
+        applying.commit(next < commits.size() ? commits[next] : nothing,
+                        done ? sample.last : commits[next + 1].number - 1);
+    }
+    return {{std::string(options.source), sample.epoch, sample.last}, applying.take_replaced()};
+}
+
+std::vector<Position> Buffer::positions() const {
+    return store_->positions.all();
+}
+
+Epoch Buffer::epoch() const {
+    return store_->epoch();
+}
+
+}  // namespace tfdb

@@ -1,0 +1,139 @@
+// The notes of some commits, copied from the change feed.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+#include "tfdb/store/store.hpp"
+
+namespace tfdb::store {
+
+/// Threads: one. Guarantee: none of it changes between two reads.
+class FeedNotes {
+public:
+    /// False: the feed does not reach back to `first` any more.
+    [[nodiscard]] bool read(const Store& store, CommitNumber first, CommitNumber last) {
+        first_ = first;
+        if (!StoreFeed(store.frames).read(first, last, words_, ends_))
+            return false;
+        removals_.clear();
+        for (CommitNumber commit = first; commit <= last; ++commit) {
+            for_each(commit, [&](std::uint64_t note, std::string name) {
+                if ((txn::FeedNote::what(note) & txn::FeedNote::kRemoved) != 0)
+                    removals_[txn::FeedNote::id(note)].push_back({commit, std::move(name)});
+            });
+        }
+        return true;
+    }
+
+    /// Calls visit(note, name) for each note of a commit; the name is that of a removed frame.
+    template <class Visit>
+    void for_each(CommitNumber commit, Visit visit) const {
+        const std::size_t at = commit - first_;
+        for (std::size_t i = at == 0 ? 0 : ends_[at - 1]; i < ends_[at];) {
+            const std::uint64_t note = words_[i++];
+            std::string name;
+            if ((txn::FeedNote::what(note) & txn::FeedNote::kRemoved) != 0) {
+                const std::size_t left = ends_[at] - i;
+                for (std::uint64_t k = std::min(txn::FeedNote::name_words(note), left); k > 0;
+                     --k) {
+                    const std::uint64_t word = words_[i++];
+                    name.append(reinterpret_cast<const char*>(&word), sizeof word);
+                }
+                name.resize(std::min(txn::FeedNote::count(note), std::uint64_t{name.size()}));
+            }
+            visit(note, std::move(name));
+        }
+    }
+
+    /// The name of a frame that was removed in this commit or a later one; null if it was not.
+    [[nodiscard]] const std::string* removed(FrameId id, CommitNumber commit) const {
+        const auto found = removals_.find(id);
+        if (found == removals_.end())
+            return nullptr;
+        for (const Removal& removal : found->second) {
+            if (removal.commit >= commit)
+                return &removal.name;
+        }
+        return nullptr;
+    }
+
+    /// The name that a frame of a commit had. False: its slot was reused meanwhile, and the removal
+    /// is not among the notes. `newest`: a view of the state that was the newest before they were
+    /// read.
+    [[nodiscard]] bool name_of(const Store& store, const StoreView& newest, FrameId id,
+                               CommitNumber commit, std::string& name) const {
+        if (const std::string* const found = removed(id, commit)) {
+            name = *found;
+            return true;
+        }
+        name = store.names.name(id);
+        sync::fence_acquire();
+        return newest.alive_since(id, commit);
+    }
+
+private:
+    struct Removal {
+        CommitNumber commit;
+        std::string name;
+    };
+    CommitNumber first_ = 0;
+    std::vector<std::uint64_t> words_;
+    std::vector<std::size_t> ends_;
+    std::unordered_map<FrameId, std::vector<Removal>> removals_;  // in their order
+};
+
+/// The frames that a caller asks for, by name.
+/// Threads: one. Guarantee: none of it changes.
+class FrameFilter {
+public:
+    using Only = std::optional<std::span<const std::string_view>>;
+    /// None: all frames.
+    FrameFilter(const Store& store, CommitNumber newest, Only only);
+
+    [[nodiscard]] bool is_for_all() const { return !only_; }
+    /// By the frame's id in the newest state: false for one that is surely not asked for. A frame
+    /// that was removed since is judged by its name.
+    [[nodiscard]] bool may_contain(FrameId id, const FeedNotes& notes, CommitNumber commit) const {
+        return !only_ || ids_.contains(id) || notes.removed(id, commit) != nullptr;
+    }
+    [[nodiscard]] bool contains(std::string_view name) const {
+        return !only_ || names_.contains(name);
+    }
+
+private:
+    Only only_;
+    std::unordered_set<std::string_view> names_;
+    std::unordered_set<FrameId> ids_;
+};
+
+/// The samples that one commit stored of an edge, at most `count` of them, those of the greatest
+/// stamp first: visit(sample, slot). False: overtaken.
+template <class Visit>
+[[nodiscard]] bool visit_stored(const StoreEdge& edge, CommitNumber commit, std::uint64_t count,
+                                Visit visit) {
+    std::uint64_t left = count;
+    return edge.visit_since(commit, [&](const history::SampleAt& at) {
+        const auto slot = edge.read(at);
+        if (slot.commit != commit)
+            return true;
+        visit(at, slot);
+        return --left > 0;
+    });
+}
+
+/// Throws where the store keeps no feed: NotSupported. False: it is frozen and has no commits to
+/// come.
+[[nodiscard]] bool has_feed(const Store& store);
+[[noreturn]] void throw_future_commit(CommitNumber since, CommitNumber newest);
+[[noreturn]] void throw_lapped(const Store& store, CommitNumber since);
+
+}  // namespace tfdb::store

@@ -1,0 +1,172 @@
+// Commits and states of a store as bytes: what one store sends, another applies. docs/wire.md has
+// the format, byte by byte.
+//
+// A sample is whole in itself: it has all names that it uses, and no number in it depends on what
+// another sample or the receiver's store says.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <tuple>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/base/types.hpp"
+#include "tfdb/clock/stamp.hpp"
+
+namespace tfdb::wire {
+
+/// One life of a store, in which its commits are numbered. Of two the greater is the later one.
+struct Epoch {
+    std::uint64_t number = 0;
+    std::uint64_t high = 0;  // of its random id
+    std::uint64_t low = 0;
+
+    [[nodiscard]] bool operator==(const Epoch&) const = default;
+    [[nodiscard]] bool operator<(const Epoch& other) const {
+        return std::tie(number, high, low) < std::tie(other.number, other.high, other.low);
+    }
+};
+
+/// What a sample holds.
+/// Threads: a value; the names are views into the bytes. Guarantee: `decode` fills it.
+struct CommitSample {
+    enum class Kind : std::uint8_t { kCommits = 1, kState = 2 };
+
+    /// Some of the names, or of the edges.
+    struct Range {
+        std::uint32_t first = 0;
+        std::uint32_t count = 0;
+    };
+    /// A sample T[parent<-child] of an edge.
+    struct Row {
+        clock::StampNs stamp = 0;  // of a static edge 0
+        std::uint32_t parent = 0;  // a name; of a frame that is gone in a state 0
+        bool gone = false;         // the frame that the commit removed, not one that lives
+        std::array<std::uint64_t, 7> numbers{};  // bits of x, y, z, qx, qy, qz, qw
+    };
+    /// Samples of one edge, in stamp order.
+    struct Edge {
+        std::uint32_t child = 0;      // a name
+        std::uint32_t authority = 0;  // an authority
+        bool is_static = false;
+        bool cleared = false;    // of a state: it lost its samples, and has none since
+        std::uint64_t late = 0;  // of a state: samples that came out of order
+        Range rows{};
+    };
+    struct Commit {
+        CommitNumber number = 0;
+        Range cleared{};  // of `refs`, as the next three
+        Range removed{};
+        Range passing{};
+        Range made{};
+        Range edges{};
+    };
+
+    Kind kind = Kind::kCommits;
+    bool some_frames = false;  // not all of the store's
+    Epoch epoch{};
+    CommitNumber since = 0;  // of a state its own commit, as `last`
+    CommitNumber last = 0;
+    std::vector<std::string_view> names;
+    std::vector<std::string_view> authorities;  // the first one is empty
+    std::vector<std::uint32_t> refs;            // names, by their places
+    std::vector<Commit> commits;                // of a state one, which lists its frames as made
+    std::vector<Edge> edges;
+    std::vector<Row> rows;
+
+    [[nodiscard]] std::span<const std::uint32_t> names_of(Range range) const {
+        return std::span(refs).subspan(range.first, range.count);
+    }
+    [[nodiscard]] std::span<const Edge> edges_of(const Commit& commit) const {
+        return std::span(edges).subspan(commit.edges.first, commit.edges.count);
+    }
+    [[nodiscard]] std::span<const Row> rows_of(const Edge& edge) const {
+        return std::span(rows).subspan(edge.rows.first, edge.rows.count);
+    }
+
+    /// Whether it is worth to be kept for the next sample.
+    [[nodiscard]] bool is_small() const { return rows.capacity() <= kMostKept; }
+    void clear();
+
+    /// Replaces all of it by what the bytes say; the vectors keep their capacity. Throws
+    /// CorruptMessage, which names the byte; all of it is then unspecified.
+    void decode(std::span<const std::byte> data);
+
+private:
+    static constexpr std::size_t kMostKept = 4096;
+};
+
+/// Writes a sample piece by piece.
+/// Threads: one. Guarantee: the vectors keep their capacity for the next sample.
+class SampleWriter {
+public:
+    using Row = CommitSample::Row;
+    using Edge = CommitSample::Edge;
+
+    /// Begins another sample.
+    void start();
+    /// Each gives the place of a name that this sample does not have yet.
+    std::uint32_t add_name(std::string_view name);
+    std::uint32_t add_authority(std::string_view name);
+
+    struct Lists {
+        std::span<const std::uint32_t> cleared{};
+        std::span<const std::uint32_t> removed{};
+        std::span<const std::uint32_t> passing{};
+        std::span<const std::uint32_t> made{};
+    };
+    /// Begins a commit, `after` more than the one before or than `since`; so many edges follow.
+    void start_commit(std::uint64_t after, const Lists& lists, std::size_t edges);
+    /// One of a commit.
+    void add_edge(const Edge& edge, std::span<const Row> rows);
+    /// A frame of a state: the next one of the names. Its parents' names come after those of all
+    /// frames.
+    void add_frame(const Edge& edge, std::span<const Row> rows);
+
+    /// How far the sample is.
+    struct Mark {
+        std::size_t body = 0;
+        std::size_t names = 0;  // bytes of them
+        std::size_t authorities = 0;
+        std::uint32_t name_count = 0;
+        std::uint32_t authority_count = 0;
+        std::uint64_t commits = 0;
+    };
+    [[nodiscard]] Mark mark() const;
+    /// Forgets what was added since the mark; the sample can only be finished then.
+    void cut(const Mark& mark);
+    [[nodiscard]] std::uint64_t commits() const { return commits_; }
+    /// Bytes that the whole sample would have now, or a few less.
+    [[nodiscard]] std::size_t size() const;
+
+    /// The whole sample. `frames`: how many a state has.
+    [[nodiscard]] std::vector<std::byte> finish(CommitSample::Kind kind, bool some_frames,
+                                                const Epoch& epoch, CommitNumber since,
+                                                CommitNumber last, std::uint64_t frames = 0) const;
+
+private:
+    /// An edge's last row in this sample.
+    struct Before {
+        bool any = false;
+        std::uint32_t parent = 0;
+        std::array<std::uint64_t, 7> numbers{};
+    };
+    void write_rows(const Edge& edge, std::span<const Row> rows);
+    void write_row(const Edge& edge, const Row& row);
+
+    std::vector<std::byte> body_;
+    std::vector<std::byte> names_;
+    std::vector<std::byte> authorities_;
+    std::uint32_t name_count_ = 0;
+    std::uint32_t authority_count_ = 0;
+    std::uint64_t commits_ = 0;
+    std::vector<Before> before_;   // by name
+    clock::StampNs stamp_ = 0;     // of the row before
+    std::uint32_t authority_ = 0;  // of the edge before
+};
+
+}  // namespace tfdb::wire

@@ -1,0 +1,214 @@
+// Samples of commits and states: what is written is read, and bytes of version 0 stay readable.
+#include "tfdb/wire/commit_sample.hpp"
+
+#include <bit>
+#include <cstring>
+#include <random>
+#include <string>
+
+#include "tfdb/testing/check.hpp"
+#include "tfdb/wire/crc32c.hpp"
+
+namespace tfdb::wire {
+namespace {
+
+using Bytes = std::vector<std::byte>;
+using Row = CommitSample::Row;
+using Edge = CommitSample::Edge;
+
+constexpr Epoch kEpoch{1'700'000'000'000'000'000, 0x0123'4567'89AB'CDEF, 0xFEDC'BA98'7654'3210};
+
+Row row(clock::StampNs stamp, std::uint32_t parent, bool gone, const double (&numbers)[7]) {
+    Row made{stamp, parent, gone, {}};
+    for (std::size_t i = 0; i < 7; ++i)
+        made.numbers[i] = std::bit_cast<std::uint64_t>(numbers[i]);
+    return made;
+}
+
+/// A sample with everything that commits can do.
+Bytes example() {
+    SampleWriter writer;
+    writer.start();
+    const std::uint32_t map = writer.add_name("map");
+    const std::uint32_t base = writer.add_name("base");
+    const std::uint32_t old = writer.add_name("b\xC3\xA4r");
+    const std::uint32_t slam = writer.add_authority("slam");
+    const std::uint32_t cleared[] = {base};
+    const std::uint32_t removed[] = {old};
+    const std::uint32_t passing[] = {map, old};
+    const std::uint32_t made[] = {map};
+    writer.start_commit(1, {cleared, removed, passing, made}, 2);
+    const Row moving[] = {row(1'000'000'000, map, false, {1.5, -2.0, 0.25, 0.0, 0.0, 0.6, 0.8}),
+                          row(1'010'000'000, old, true, {1.5, -2.0, 0.25, 0.0, 0.0, -0.8, 0.6})};
+    writer.add_edge({.child = base, .authority = slam}, moving);
+    const Row fixed[] = {row(0, base, false, {0.0, -0.0, 0.0, 0.0, 0.0, 0.0, 1.0})};
+    writer.add_edge({.child = map, .authority = 0, .is_static = true}, fixed);
+    writer.start_commit(41, {}, 0);
+    return writer.finish(CommitSample::Kind::kCommits, true, kEpoch, 7, 50);
+}
+
+Bytes from_hex(const char* text) {
+    Bytes bytes;
+    for (; text[0] != '\0'; text += 2) {
+        const char digits[] = {text[0], text[1], '\0'};
+        bytes.push_back(std::byte(std::stoul(digits, nullptr, 16)));
+    }
+    return bytes;
+}
+
+std::string to_hex(const Bytes& bytes) {
+    std::string text;
+    for (const std::byte byte : bytes) {
+        constexpr const char* kDigits = "0123456789abcdef";
+        text += kDigits[std::to_integer<unsigned>(byte) >> 4];
+        text += kDigits[std::to_integer<unsigned>(byte) & 15];
+    }
+    return text;
+}
+
+/// `example`, as version 0 has it: it must be readable for ever.
+constexpr const char* kVersion0 =
+    "544644420001010000002a36fe9c97170123456789abcdeffedcba9876543210072b03036d617004"
+    "626173650462c3a4720104736c616d02010f010101020200020100020e0102e70080a8d6b9070000"
+    "00000000f83f00000000000000c0000000000000d03f333333333333e33f9a9999999999e93fe005"
+    "80dac4099a9999999999e9bf333333333333e33f0300c2020000000000000080000000000000f03f"
+    "2900005d6b1a62";
+
+void check_example(const CommitSample& sample) {
+    CHECK(sample.kind == CommitSample::Kind::kCommits);
+    CHECK(sample.some_frames);
+    CHECK(sample.epoch == kEpoch);
+    CHECK_EQ(sample.since, CommitNumber{7});
+    CHECK_EQ(sample.last, CommitNumber{50});
+    CHECK_EQ(sample.names.size(), std::size_t{3});
+    CHECK_EQ(sample.names[2], "b\xC3\xA4r");
+    CHECK_EQ(sample.authorities.size(), std::size_t{2});
+    CHECK_EQ(sample.authorities[1], "slam");
+    CHECK_EQ(sample.commits.size(), std::size_t{2});
+    const CommitSample::Commit& first = sample.commits[0];
+    CHECK_EQ(first.number, CommitNumber{8});
+    CHECK_EQ(sample.commits[1].number, CommitNumber{49});
+    CHECK_EQ(sample.names_of(first.cleared)[0], 1U);
+    CHECK_EQ(sample.names_of(first.removed)[0], 2U);
+    CHECK_EQ(sample.names_of(first.passing).size(), std::size_t{2});
+    CHECK_EQ(sample.names_of(first.made)[0], 0U);
+    const auto edges = sample.edges_of(first);
+    CHECK_EQ(edges.size(), std::size_t{2});
+    CHECK_EQ(edges[0].authority, 1U);
+    CHECK_EQ(edges[1].authority, 0U);
+    CHECK(edges[1].is_static && !edges[0].is_static);
+    const auto rows = sample.rows_of(edges[0]);
+    CHECK_EQ(rows.size(), std::size_t{2});
+    CHECK_EQ(rows[1].stamp, clock::StampNs{1'010'000'000});
+    CHECK(rows[1].gone && rows[1].parent == 2 && !rows[0].gone);
+    CHECK_EQ(std::bit_cast<double>(rows[1].numbers[1]), -2.0);
+    CHECK_EQ(std::bit_cast<double>(rows[1].numbers[5]), -0.8);
+    const Row& fixed = sample.rows_of(edges[1])[0];
+    CHECK(std::signbit(std::bit_cast<double>(fixed.numbers[1])));
+    CHECK_EQ(std::bit_cast<double>(fixed.numbers[6]), 1.0);
+    CHECK(sample.edges_of(sample.commits[1]).empty());
+}
+
+/// A checksum that fits what the bytes say now.
+void seal(Bytes& bytes) {
+    const std::uint32_t sum = crc32c(std::span(bytes).first(bytes.size() - 4));
+    store_u32<kCdrLittleLayout>(bytes.data() + bytes.size() - 4, sum);
+}
+
+}  // namespace
+
+TFDB_TEST(crc32c_has_the_values_of_its_standard) {
+    // RFC 3720, B.4.
+    Bytes bytes(32, std::byte{0});
+    CHECK_EQ(crc32c(bytes), 0x8A91'36AAU);
+    bytes.assign(32, std::byte{0xFF});
+    CHECK_EQ(crc32c(bytes), 0x62A8'AB43U);
+    for (std::size_t i = 0; i < 32; ++i)
+        bytes[i] = std::byte(i);
+    CHECK_EQ(crc32c(bytes), 0x46DD'794EU);
+    CHECK_EQ(crc32c(std::as_bytes(std::span("123456789", 9))), 0xE306'9283U);
+    CHECK_EQ(crc32c({}), 0U);
+}
+
+TFDB_TEST(commit_samples_are_read_as_they_were_written) {
+    const Bytes bytes = example();
+    CommitSample sample;
+    sample.decode(bytes);
+    check_example(sample);
+}
+
+TFDB_TEST(commit_samples_of_version_0_stay_readable) {
+    CHECK_EQ(to_hex(example()), std::string(kVersion0));
+    const Bytes bytes = from_hex(kVersion0);
+    CommitSample sample;
+    sample.decode(bytes);
+    check_example(sample);
+}
+
+TFDB_TEST(commit_samples_that_are_damaged_are_refused) {
+    const Bytes whole = example();
+    CommitSample sample;
+    for (std::size_t size = 0; size < whole.size(); ++size)
+        CHECK_THROWS_AS(sample.decode(std::span(whole).first(size)), CorruptMessage);
+    for (std::size_t at = 0; at < whole.size(); ++at) {
+        for (unsigned bit = 0; bit < 8; ++bit) {
+            Bytes broken = whole;
+            broken[at] ^= std::byte(1U << bit);
+            CHECK_THROWS_AS(sample.decode(broken), CorruptMessage);
+        }
+    }
+    sample.decode(whole);
+    check_example(sample);
+}
+
+TFDB_TEST(commit_samples_with_a_sound_checksum_lead_nowhere_outside) {
+    const Bytes whole = example();
+    std::mt19937_64 random(7);
+    CommitSample sample;
+    std::size_t accepted = 0;
+    for (int i = 0; i < 20'000; ++i) {
+        Bytes broken = whole;
+        for (std::uint64_t changes = 1 + random() % 3; changes > 0; --changes)
+            broken[32 + random() % (broken.size() - 36)] = std::byte(random());
+        seal(broken);
+        try {
+            sample.decode(broken);
+        } catch (const CorruptMessage&) {
+            continue;
+        }
+        ++accepted;
+        for (const CommitSample::Commit& commit : sample.commits) {
+            for (const CommitSample::Edge& edge : sample.edges_of(commit)) {
+                CHECK(edge.child < sample.names.size());
+                CHECK(edge.authority < sample.authorities.size());
+                for (const Row& row : sample.rows_of(edge))
+                    CHECK(row.parent < sample.names.size());
+            }
+        }
+    }
+    CHECK(accepted > 1000);
+}
+
+TFDB_TEST(commit_samples_of_a_state) {
+    SampleWriter writer;
+    writer.start();
+    const std::uint32_t base = writer.add_name("base");
+    const std::uint32_t map = writer.add_name("map");
+    const Row rows[] = {row(5, map, false, {1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0}),
+                        row(9, 0, true, {1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0})};
+    writer.add_frame({.child = base, .authority = 0, .late = 3}, rows);
+    writer.add_frame({.child = map, .cleared = true}, {});
+    const Bytes bytes = writer.finish(CommitSample::Kind::kState, false, kEpoch, 12, 12, 2);
+    CommitSample sample;
+    sample.decode(bytes);
+    CHECK(sample.kind == CommitSample::Kind::kState);
+    CHECK_EQ(sample.last, CommitNumber{12});
+    CHECK_EQ(sample.commits.size(), std::size_t{1});
+    const auto edges = sample.edges_of(sample.commits[0]);
+    CHECK_EQ(edges.size(), std::size_t{2});
+    CHECK_EQ(edges[0].late, std::uint64_t{3});
+    CHECK(edges[1].cleared && sample.rows_of(edges[1]).empty());
+    CHECK(sample.rows_of(edges[0])[1].gone);
+}
+
+}  // namespace tfdb::wire

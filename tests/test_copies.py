@@ -1,0 +1,389 @@
+"""Copies by `commits_bytes`, `state_bytes` and `apply`: equal after each commit, bit for bit."""
+
+from __future__ import annotations
+
+import random
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb import errors
+
+from .test_changes import NAMES, SEEDS, Writer, assert_same, pose
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+KEEP = "local"
+
+
+def assert_equal(copy: tfdb.Buffer, source: tfdb.Buffer) -> None:
+    """All that a reader can see of the two is the same, except for commit numbers."""
+    assert_same(copy, source)
+    for theirs, ours in zip(source.tree(), copy.tree(), strict=True):
+        assert theirs == ours
+    assert [p.commit for p in copy.positions()] == [source.commit] * (source.commit > 0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("filled", [1, 7, 64])
+def test_a_copy_is_equal_after_each_sample(seed: int, filled: int) -> None:
+    history = 60e-9 if seed % 2 else None
+    source = tfdb.Buffer(history=history)
+    copy = tfdb.Buffer(history=history)
+    writer = Writer(seed)
+    held = source.snapshot()
+    seen = 0
+    for _ in range(300):
+        for _ in range(filled):
+            writer.act(source)
+        while data := source.commits_bytes(seen, max_commits=filled):
+            seen = copy.apply(data).commit
+        assert_equal(copy, source)
+        held.close()
+        held = source.snapshot()
+    assert writer.refused > 10
+    assert copy.commit == source.commit, "one commit here for each commit there"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_state_replaces_all_that_its_source_had(seed: int) -> None:
+    history = 60e-9 if seed % 2 else None
+    source = tfdb.Buffer(history=history)
+    copy = tfdb.Buffer(history=history)
+    writer = Writer(seed)
+    seen = 0
+    for _ in range(60):
+        for _ in range(20):
+            writer.act(source)
+        before = copy.commit
+        with source.snapshot() as snap:
+            position = copy.apply(snap.state_bytes())
+            is_new = snap.commit > seen
+        assert copy.commit == before + is_new
+        assert position == copy.positions()[0]
+        assert_equal(copy, source)
+        while data := source.commits_bytes(position.commit, max_commits=3):
+            position = copy.apply(data)
+        seen = position.commit
+
+
+def test_samples_in_any_order_never_leave_a_gap() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    rng = random.Random(5)
+    for i in range(200):
+        source.set_transform("map", NAMES[i % 3], i, *pose(i))
+    samples = [
+        source.commits_bytes(since, max_commits=1 + rng.randrange(5)) for since in range(200)
+    ] * 3
+    rng.shuffle(samples)
+    refused = 0
+    for data in samples:
+        before = copy.positions()[0].commit if copy.positions() else 0
+        try:
+            after = copy.apply(data).commit
+        except errors.OutOfOrder as error:
+            refused += 1
+            assert error.since is not None
+            assert error.since > before
+        else:
+            assert after >= before
+        assert copy.commit == (copy.positions()[0].commit if copy.positions() else 0)
+    assert refused > 50
+    seen = copy.positions()[0].commit if copy.positions() else 0
+    while data := source.commits_bytes(seen):
+        seen = copy.apply(data).commit
+    assert_equal(copy, source)
+
+
+def test_prefixes_and_shared_frames_of_several_sources() -> None:
+    robots = [tfdb.Buffer(), tfdb.Buffer()]
+    fleet = tfdb.Buffer()
+    for number, robot in enumerate(robots):
+        robot.set_transform("map", "base", 10, *pose(number + 1), authority="slam")
+        robot.set_static_transform("base", "camera", *pose(5))
+        fleet.apply(
+            robot.commits_bytes(0), source=f"r{number}", prefix=f"r{number}/", shared=["map"]
+        )
+    assert fleet.frames() == ["map", "r0/base", "r0/camera", "r1/base", "r1/camera"]
+    ours = fleet.lookup_transform("r0/camera", "r1/camera", 10)
+    camera = [robot.lookup_transform("camera", "map", 10).matrix for robot in robots]
+    assert np.allclose(ours.matrix, camera[0] @ np.linalg.inv(camera[1]))
+    assert fleet.frame_info("r0/base").authority == "slam"
+    assert [p.source for p in fleet.positions()] == ["r0", "r1"]
+    robots[0].remove_frames("map", recursive=True)
+    fleet.apply(robots[0].commits_bytes(2), source="r0", prefix="r0/", shared=["map"])
+    assert fleet.frames() == ["map", "r1/base", "r1/camera"], "the other robot still uses map"
+
+
+def test_overlapping_and_changed_prefixes_are_refused() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    data = source.commits_bytes(0)
+    copy.apply(data, source="a", prefix="robot")
+    for prefix in ("robot1/", "", "rob"):
+        with pytest.raises(tfdb.InvalidArgument, match="overlaps prefix 'robot' of source 'a'"):
+            copy.apply(data, source="b", prefix=prefix)
+    with pytest.raises(tfdb.InvalidArgument, match="with prefix 'robot', not 'r/'"):
+        copy.apply(data, source="a", prefix="r/")
+    assert copy.frames() == ["robotbase", "robotmap"]
+
+
+def test_a_root_hangs_under_a_local_frame_until_its_source_gives_it_a_parent() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("odom", "base", 10, *pose(1))
+    copy.apply(source.commits_bytes(0), prefix="r/")
+    copy.set_static_transform("world", "r/odom", *pose(2))
+    source.set_transform("odom", "base", 20, *pose(3))
+    copy.apply(source.commits_bytes(1), prefix="r/")
+    with source.snapshot() as snap:
+        source.set_transform("odom", "base", 30, *pose(4))
+        source.remove_frames("base")
+        source.set_transform("odom", "base", 40, *pose(4))
+        copy.apply(source.commits_bytes(2), prefix="r/")
+        assert snap.commit == 2
+    with source.snapshot() as snap:
+        source.set_transform("odom", "base", 50, *pose(4))
+    with source.snapshot() as snap:
+        copy.apply(snap.state_bytes(), prefix="r/")
+    assert copy.parent_of("r/odom") == "world"
+    assert copy.lookup_transform("world", "r/base", 50).source == "r/base"
+    source.set_static_transform("map", "odom", *pose(6))
+    with pytest.warns(tfdb.errors.TfdbWarning, match="frame 'r/odom' has the parent that source"):
+        copy.apply(source.commits_bytes(source.commit - 1), prefix="r/")
+    assert copy.parent_of("r/odom") == "r/map"
+    assert copy.frame_exists("world")
+
+
+def test_a_removed_frame_stays_for_local_children() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    copy.apply(source.commits_bytes(0))
+    copy.set_static_transform("base", "sticker", *pose(2))
+    source.remove_frames("base")
+    copy.apply(source.commits_bytes(1))
+    assert copy.frames() == ["base", "map", "sticker"]
+    assert copy.parent_of("base") is None
+    copy.remove_frames("sticker")
+    source.set_transform("map", "base", 20, *pose(3))
+    copy.apply(source.commits_bytes(2))
+    assert_same(copy, source)
+
+
+def test_chosen_frames() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    for i in range(30):
+        source.set_transform("map", NAMES[i % 3], i, *pose(i))
+    data = source.commits_bytes(0, frames=NAMES[1], max_commits=4)
+    assert copy.apply(data).commit == 11
+    assert copy.frames() == [NAMES[1], "map"]
+    while data := source.commits_bytes(copy.positions()[0].commit, frames=NAMES[1]):
+        copy.apply(data)
+    assert copy.positions()[0].commit == source.commit
+    assert np.array_equal(copy.samples(NAMES[1])[1], source.samples(NAMES[1])[1])
+    cut = tfdb.Buffer()
+    with source.snapshot() as snap:
+        cut.apply(snap.state_bytes(frames=[NAMES[1], NAMES[2]], newest=2))
+    assert cut.frames() == [NAMES[1], NAMES[2], "map"]
+    assert cut.samples(NAMES[2])[0].tolist() == source.samples(NAMES[2])[0].tolist()[-2:]
+
+
+def test_limits_of_a_sample() -> None:
+    source = tfdb.Buffer()
+    assert source.commits_bytes(0) == b""
+    columns = tfdb.Columns(
+        "map", "base", np.arange(1000), np.tile([1.0, 2, 3, 0, 0, 0, 1], (1000, 1))
+    )
+    columns.poses[:, 0] = np.arange(1000)
+    source.set_transforms(columns)
+    for i in range(100):
+        source.set_transform("map", "base", 1000 + i, *pose(i))
+    alone = source.commits_bytes(0, max_bytes=100)
+    assert tfdb.Buffer().apply(alone).commit == 1
+    assert len(alone) > 1000
+    small = source.commits_bytes(1, max_bytes=1000)
+    assert 900 < len(small) <= 1000
+    copy = tfdb.Buffer()
+    copy.apply(alone)
+    assert copy.apply(small).commit < 30
+    with pytest.raises(tfdb.InvalidArgument, match="no commit 1000 yet"):
+        source.commits_bytes(1000)
+    with pytest.raises(tfdb.InvalidArgument, match="max_commits"):
+        source.commits_bytes(0, max_commits=0)
+
+
+def test_samples_that_are_gone() -> None:
+    source = tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    source.remove_frames("base")
+    with pytest.raises(errors.Gone, match="commit 1 stored of frame 'base'") as caught:
+        source.commits_bytes(0)
+    assert (caught.value.edge, caught.value.commit) == ("base", 1)
+    for i in range(20_000):
+        source.set_transform("map", "base", i, *pose(i))
+    with pytest.raises(errors.FeedLapped):
+        source.commits_bytes(0)
+
+
+def test_epochs() -> None:
+    old, new = tfdb.Buffer(), tfdb.Buffer()
+    assert new.epoch > old.epoch
+    assert len(new.epoch.id) == 16
+    copy = tfdb.Buffer()
+    for source in (old, new):
+        source.set_transform("map", "base", 10, *pose(1))
+    copy.apply(old.commits_bytes(0))
+    with pytest.raises(errors.OutOfOrder, match=r"is later than .* apply a state"):
+        copy.apply(new.commits_bytes(0))
+    with new.snapshot() as snap:
+        position = copy.apply(snap.state_bytes())
+    assert position.epoch == new.epoch
+    with old.snapshot() as snap, pytest.raises(errors.Fenced, match="has ended"):
+        copy.apply(snap.state_bytes())
+    with pytest.raises(errors.Fenced):
+        copy.apply(old.commits_bytes(0))
+    new.set_transform("map", "base", 20, *pose(1))
+    with pytest.raises(errors.OutOfOrder, match="nothing of source 'x' has been applied yet"):
+        copy.apply(new.commits_bytes(1), source="x", prefix="x/")
+
+
+def test_a_frozen_state_goes_on_by_commits(tmp_path: Path) -> None:
+    source = tfdb.Buffer()
+    writer = Writer(3)
+    for _ in range(200):
+        writer.act(source)
+    source.freeze(tmp_path / "state.tfdb")
+    copy = tfdb.Buffer()
+    frozen = tfdb.open(tmp_path / "state.tfdb")
+    assert isinstance(frozen, tfdb.Buffer)
+    assert frozen.commits_bytes(frozen.commit) == b""
+    with frozen.snapshot() as snap:
+        position = copy.apply(snap.state_bytes())
+    assert position.epoch == source.epoch
+    assert_equal(copy, source)
+    with source.snapshot():
+        for _ in range(50):
+            writer.act(source)
+        copy.apply(source.commits_bytes(position.commit))
+    assert_equal(copy, source)
+
+
+def test_damaged_bytes_change_nothing() -> None:
+    source = tfdb.Buffer()
+    writer = Writer(1)
+    rng = random.Random(9)
+    with source.snapshot():
+        for _ in range(40):
+            writer.act(source)
+        snap = source.snapshot()
+        whole = [source.commits_bytes(0), snap.state_bytes()]
+    copy = tfdb.Buffer()
+    for data in whole:
+        for size in [*range(60), *(rng.randrange(len(data)) for _ in range(200))]:
+            with pytest.raises(tfdb.errors.CorruptMessage):
+                copy.apply(data[:size])
+        for _ in range(400):
+            broken = bytearray(data)
+            broken[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+            with pytest.raises(tfdb.errors.CorruptMessage, match="corrupt message at byte"):
+                copy.apply(broken)
+    assert copy.commit == 0
+    assert copy.positions() == []
+    with pytest.raises(TypeError, match="data must be bytes-like, got str"):
+        copy.apply("TFDB")  # type: ignore[arg-type]
+
+
+def resealed(data: bytes) -> bytes:
+    """Give the bytes the checksum of what they say now (CRC-32C, bit by bit)."""
+    total = 0xFFFFFFFF
+    for byte in data[:-4]:
+        total ^= byte
+        for _ in range(8):
+            total = total >> 1 ^ (0x82F63B78 if total & 1 else 0)
+    return data[:-4] + struct.pack("<I", total ^ 0xFFFFFFFF)
+
+
+def test_bytes_of_a_sound_checksum_are_judged() -> None:
+    source = tfdb.Buffer()
+    for i in range(3):
+        source.set_transform("map", "base", 10 * i, *pose(i))
+    data = source.commits_bytes(0)
+    assert resealed(data) == data
+    for at, value, text in (
+        (4, 1, "version 1: this program reads version 0"),
+        (5, 3, "kind 3: commits are 1, a state 2"),
+        (6, 2, "unknown flags"),
+        (7, 1, "unknown flags"),
+    ):
+        broken = bytearray(data)
+        broken[at] = value
+        with pytest.raises(tfdb.errors.CorruptMessage, match=text) as caught:
+            tfdb.Buffer().apply(resealed(bytes(broken)))
+        assert caught.value.offset is not None
+    for old, new, error in (
+        (b"base", b"ba\xffe", tfdb.errors.InvalidName),
+        (b"base", b"ba\x01e", tfdb.errors.InvalidName),
+        (b"\x03map", b"\x04map", tfdb.errors.CorruptMessage),
+    ):
+        assert data.count(old) == 1
+        copy = tfdb.Buffer()
+        with pytest.raises(error):
+            copy.apply(resealed(data.replace(old, new)))
+        assert copy.frames() == []
+    rng = random.Random(2)
+    copy = tfdb.Buffer()
+    for _ in range(3000):
+        broken = bytearray(data)
+        for _ in range(1 + rng.randrange(3)):
+            broken[rng.randrange(8, len(data) - 4)] = rng.choice((0, 1, 0x7F, 0x80, 0xFF))
+        try:
+            copy.apply(resealed(bytes(broken)))
+        except tfdb.TfdbError:
+            continue
+        for frame in copy.frames():
+            assert np.isfinite(copy.samples(frame)[1]).all()
+
+
+def test_refusals_of_the_store() -> None:
+    source = tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    copy = tfdb.Buffer()
+    copy.set_static_transform("base", "map", *pose(2))
+    with pytest.raises(tfdb.errors.CycleError):
+        copy.apply(source.commits_bytes(0))
+    assert copy.positions() == []
+    small = tfdb.Buffer(max_frames=1)
+    with pytest.raises(tfdb.errors.CapacityExceeded):
+        small.apply(source.commits_bytes(0))
+    assert small.frames() == []
+    with pytest.raises(tfdb.errors.NotSupported):
+        tfdb.Buffer(concurrency="silo").apply(source.commits_bytes(0))
+    with copy.transaction(), pytest.raises(tfdb.errors.TransactionActive):
+        copy.apply(source.commits_bytes(0))
+
+
+def test_bytes_a_transform() -> None:
+    """Those of `docs/wire.md`: twenty commits of ten in a sample."""
+    source = tfdb.Buffer()
+    rng = np.random.default_rng(1)
+    for turns in (False, True):
+        start = source.commit
+        for _ in range(20):
+            members = []
+            for joint in range(10):
+                number = rng.standard_normal(4)
+                members.append(
+                    tfdb.TransformStamped(
+                        "base" if joint == 0 else f"joint{joint - 1}",
+                        f"joint{joint}",
+                        1_700_000_000_000_000_000 + 10_000_000 * (source.commit + 1),
+                        (0.1, 0.2, 0.3) if turns else rng.standard_normal(3),
+                        number / np.linalg.norm(number),
+                    )
+                )
+            source.set_transforms(members)
+        size = len(source.commits_bytes(start)) / 200
+        assert size <= (40 if turns else 62)
