@@ -74,14 +74,17 @@ private:
 /// Threads: one. Guarantee: reads only; kLapped where writers overtook it.
 class CommitEncoder {
 public:
+    /// For commits after `since`, up to `last`.
     CommitEncoder(const Store& store, const StoreView& newest, const FeedNotes& notes,
-                  const FrameFilter& filter, CommitNumber since)
+                  const FrameFilter& filter, CommitNumber since, CommitNumber last)
         : sample(store),
           store_(store),
           newest_(newest),
           notes_(notes),
           filter_(filter),
-          last_(since) {}
+          first_(since + 1),
+          last_(last),
+          before_(since) {}
 
     /// One that did nothing to the frames that are asked for is left out. Throws Gone.
     [[nodiscard]] Outcome add(CommitNumber commit) {
@@ -103,9 +106,9 @@ public:
         const bool any = !edges_.empty() || !cleared_.empty() || !removed_.empty() ||
                          !passing_.empty() || !made_.empty();
         if (any || filter_.is_for_all()) {
-            sample.writer.start_commit(commit - last_, {cleared_, removed_, passing_, made_},
+            sample.writer.start_commit(commit - before_, {cleared_, removed_, passing_, made_},
                                        edges_.size());
-            last_ = commit;
+            before_ = commit;
             for (const auto& [id, edge, count] : edges_) {
                 if (const Outcome outcome = add_edge(id, edge, count); outcome != Outcome::kOk)
                     return outcome;
@@ -189,11 +192,10 @@ private:
     [[nodiscard]] Outcome add_edge(FrameId id, CommitSample::Edge edge, std::uint64_t count) {
         constexpr int kTries = 32;
         for (int tries = 0; tries < kTries; ++tries) {
-            if (!read_rows(id, count, edge)) {
+            if (!take_rows(id, count, edge) && !read_rows(id, count, edge)) {
                 check_kept(id);
                 continue;
             }
-            std::reverse(rows_.begin(), rows_.end());
             for (CommitSample::Row& row : rows_) {
                 row.gone = is_gone(row.parent);
                 row.parent = place_of(row.parent);
@@ -205,22 +207,68 @@ private:
         }
         return Outcome::kLapped;
     }
-    /// What the state of the commit shows of what it stored, the greatest stamp first. False:
-    /// overtaken, or not kept any more.
+    /// An edge's samples of all commits that are encoded, as the last one's state shows them.
+    struct Rows {
+        struct Stored {
+            CommitNumber commit;
+            CommitSample::Row row;
+        };
+        bool is_static = false;
+        std::vector<Stored> rows;  // by commits, then by stamps
+        std::size_t next = 0;      // of a commit that comes
+    };
+    [[nodiscard]] Rows& rows_of(FrameId id) {
+        const std::uint32_t place = rows_places_.find(id);
+        if (place != txn::FramePlaces::kNone)
+            return rows_by_edge_[place];
+        rows_places_.set(id, static_cast<std::uint32_t>(rows_by_edge_.size()));
+        Rows& found = rows_by_edge_.emplace_back();
+        StoreEdge view;
+        const auto take = [&](const history::SampleAt& at) {
+            const auto slot = view.read(at);
+            found.rows.push_back({slot.commit, row_of(at, slot)});
+            return true;
+        };
+        if (!store_.view(last_).open(id, view) || !view.visit_since(first_, take) ||
+            !view.confirm())
+            found.rows.clear();
+        found.is_static = view.is_static();
+        std::reverse(found.rows.begin(), found.rows.end());
+        const auto earlier = [](const auto& a, const auto& b) { return a.commit < b.commit; };
+        if (!std::is_sorted(found.rows.begin(), found.rows.end(), earlier))
+            std::stable_sort(found.rows.begin(), found.rows.end(), earlier);
+        return found;
+    }
+    [[nodiscard]] static CommitSample::Row row_of(const history::SampleAt& at,
+                                                  const history::SlotData<StoreMemory>& slot) {
+        return {std::max<StampNs>(at.stamp, 0), slot.parent, false, slot.payload};
+    }
+    /// What the commit stored, where the last commit's state shows all of it. False: later commits
+    /// replaced some, or it is out of the history.
+    [[nodiscard]] bool take_rows(FrameId id, std::uint64_t count, CommitSample::Edge& edge) {
+        Rows& all = rows_of(id);
+        rows_.clear();
+        for (; all.next < all.rows.size() && all.rows[all.next].commit <= commit_; ++all.next) {
+            if (all.rows[all.next].commit == commit_)
+                rows_.push_back(all.rows[all.next].row);
+        }
+        edge.is_static = all.is_static;
+        return rows_.size() == count;
+    }
+    /// What the state of the commit shows of what it stored. False: overtaken, or not kept any
+    /// more.
     [[nodiscard]] bool read_rows(FrameId id, std::uint64_t count, CommitSample::Edge& edge) {
         rows_.clear();
         StoreEdge view;
         if (!store_.view(commit_).open(id, view))
             return false;
         const auto take = [&](const history::SampleAt& at, const auto& slot) {
-            CommitSample::Row& row = rows_.emplace_back();
-            row.stamp = std::max<StampNs>(at.stamp, 0);
-            row.parent = slot.parent;
-            row.numbers = slot.payload;
+            rows_.push_back(row_of(at, slot));
         };
         if (!visit_stored(view, commit_, count, take))
             return false;
         edge.is_static = view.is_static();
+        std::reverse(rows_.begin(), rows_.end());
         // No reader needs samples that are outside the history, in that state already.
         const bool may_miss = rows_.empty() || (rows_.size() < count && view.may_miss());
         return view.confirm() && !may_miss;
@@ -244,7 +292,9 @@ private:
     const StoreView& newest_;
     const FeedNotes& notes_;
     const FrameFilter& filter_;
-    CommitNumber last_;  // that was added
+    CommitNumber first_;
+    CommitNumber last_;
+    CommitNumber before_;  // that was added last
     CommitNumber commit_ = 0;
     bool whole_ = true;
     std::vector<std::uint32_t> cleared_;
@@ -256,6 +306,8 @@ private:
     txn::FrameSet gone_here_;  // the same, where there are some
     txn::FrameSet made_here_;
     std::vector<CommitSample::Row> rows_;
+    std::vector<Rows> rows_by_edge_;
+    txn::FramePlaces rows_places_;
 };
 
 /// The state of a snapshot as a sample: frames in the order of their names.
@@ -388,7 +440,7 @@ std::vector<std::byte> Buffer::commits_bytes(
     store::FeedNotes notes;
     const auto encode = [&](const StoreView& view, CommitNumber last) {
         const store::FrameFilter filter(*store_, view.commit(), only);
-        store::CommitEncoder encoder(*store_, view, notes, filter, since);
+        store::CommitEncoder encoder(*store_, view, notes, filter, since, last);
         auto& writer = encoder.sample.writer;
         CommitNumber commit = since;
         while (commit < last && writer.commits() < limits.commits) {

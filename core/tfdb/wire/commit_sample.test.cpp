@@ -128,6 +128,14 @@ TFDB_TEST(crc32c_has_the_values_of_its_standard) {
     CHECK_EQ(crc32c(bytes), 0x46DD'794EU);
     CHECK_EQ(crc32c(std::as_bytes(std::span("123456789", 9))), 0xE306'9283U);
     CHECK_EQ(crc32c({}), 0U);
+    std::mt19937_64 random(3);
+    bytes.resize(1000);
+    for (std::byte& byte : bytes)
+        byte = std::byte(random());
+    for (std::size_t size = 0; size < bytes.size(); size += 7) {
+        const auto part = std::span(bytes).first(size);
+        CHECK_EQ(crc32c(part), ~crc32c_by_tables(~std::uint32_t{0}, part));
+    }
 }
 
 TFDB_TEST(commit_samples_are_read_as_they_were_written) {
