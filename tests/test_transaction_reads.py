@@ -128,7 +128,11 @@ QUESTIONS = questions()
 
 def test_a_transaction_has_every_read_of_a_snapshot() -> None:
     reads = {name for name in dir(tfdb.Snapshot) if not name.startswith("_")}
-    assert reads - set(dir(tfdb.Transaction)) == {"close", "freeze"}
+    assert reads - set(dir(tfdb.Transaction)) == {
+        "close",
+        "freeze",
+        "state_bytes",
+    }
 
 
 @pytest.mark.parametrize("engine", ENGINES)

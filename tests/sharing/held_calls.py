@@ -84,7 +84,11 @@ def calls_that_wait(buffer: tfdb.Buffer) -> Table:
     async def wait_for_transform() -> None:
         await buffer.wait_for_transform_async("map", "hand", NEVER)
 
+    other = tfdb.Buffer()
+    other.set_transform("world", "map", 3_000, **pose)
+    commits = other.commits_bytes(0)
     return {
+        "Buffer.apply": lambda: buffer.apply(commits),
         "Buffer.clear": buffer.clear,
         "Buffer.compact": buffer.compact,
         "Buffer.ingest": lambda: buffer.ingest(message),
@@ -165,12 +169,15 @@ def calls_that_answer(buffer: tfdb.Buffer, name: str, folder: Path) -> Table:
     table: Table = {
         "Buffer.changes": lambda: buffer.changes(0),
         "Buffer.close": lambda: tfdb.Buffer.open(name).close(),
+        "Buffer.commits_bytes": lambda: buffer.commits_bytes(0),
         "Buffer.concurrency": lambda: buffer.concurrency,
         "Buffer.counters": buffer.counters,
+        "Buffer.epoch": lambda: buffer.epoch,
         "Buffer.freeze": lambda: buffer.freeze(folder / "buffer.tfdb"),
         "Buffer.frozen": lambda: buffer.frozen,
         "Buffer.history": lambda: buffer.history,
         "Buffer.open": lambda: tfdb.Buffer.open(name),
+        "Buffer.positions": buffer.positions,
         "Buffer.shared": lambda: buffer.shared,
         "Buffer.snapshot": buffer.snapshot,
         "Buffer.transaction": buffer.transaction,
@@ -179,6 +186,7 @@ def calls_that_answer(buffer: tfdb.Buffer, name: str, folder: Path) -> Table:
         "Snapshot.freeze": on_snapshot(
             buffer, lambda reads: reads.freeze(folder / "snapshot.tfdb")
         ),
+        "Snapshot.state_bytes": on_snapshot(buffer, lambda reads: reads.state_bytes()),
     }
     for called, call in READS.items():
         table[f"Buffer.{called}"] = lambda call=call: call(buffer)

@@ -134,4 +134,16 @@ void Positions::repair() {
     });
 }
 
+std::uint64_t Positions::source_of(CommitNumber commit) const {
+    std::uint64_t found = 0;
+    for_each([&](Record record) {
+        for (const unsigned slot : {kFirstSlot, kSecondSlot}) {
+            if (commit != 0 && load(record, slot + kValidFrom) == commit)
+                found = number(record);
+        }
+        return found == 0;
+    });
+    return found;
+}
+
 }  // namespace tfdb::store

@@ -45,6 +45,9 @@ public:
     void set(Record record, const Epoch& epoch, CommitNumber commit);
     /// After the death of a writer.
     void repair();
+    /// The number of the source that a commit of this store came from, the newest or the one before
+    /// it; 0: a writer of this store.
+    [[nodiscard]] std::uint64_t source_of(CommitNumber commit) const;
 
     /// Every block of the region that they lie in: visit(offset, bytes).
     template <class Visit>

@@ -248,6 +248,14 @@ void Store::repair() noexcept {
     const bool died_in_memory = memory.repair();
     txn::Repair<StoreMemory>(frames, history, *this).run();
     positions.repair();
+    const CommitNumber newest = committed();
+    const std::uint64_t source = positions.source_of(newest);
+    StoreFeed(frames).visit_newest(newest, [&](std::uint64_t note) {
+        const FrameId id = txn::FeedNote::id(note);
+        if (id < frames.count() && frames.alive(id, newest))
+            txn::set_writer(frames, id, txn::FeedNote::what(note), txn::FeedNote::count(note) != 0,
+                            txn::FeedNote::authority(note), source);
+    });
     const std::uint64_t died = deaths.load_relaxed() + 1;
     if (must_sweep(died - shared->control->swept_deaths().load_relaxed(), died_in_memory)) {
         try {

@@ -42,6 +42,26 @@ struct CommitScratch {
     CycleScratch cycles;
 };
 
+/// Notes in a frame's header, after the commit, who made it and who wrote its samples. `what`: of
+/// its note; `author` and `source` by their numbers.
+template <class Memory>
+void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, bool has_samples,
+                std::uint64_t author, std::uint64_t source) {
+    if ((what & FeedNote::kRemoved) != 0)
+        return;
+    if (auto& last = frames.word(id, history::kAuthority);
+        has_samples && last.load_relaxed() != author)
+        last.store_relaxed(author);
+    if (source == 0) [[likely]]
+        return;
+    using history::SourceWord;
+    auto& word = frames.word(id, history::kSource);
+    const std::uint64_t before = word.load_relaxed();
+    const bool made = (what & FeedNote::kMade) != 0;
+    word.store_relaxed(SourceWord::pack(made ? source : SourceWord::maker(before),
+                                        has_samples ? source : SourceWord::writer(before)));
+}
+
 /// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
 /// published.
 /// Threads: only the holder of the commit lock, from construction to destruction.
@@ -242,16 +262,16 @@ public:
         count_children();
         for (const Touched& touched : scratch_.touched) {
             const std::uint64_t samples = std::max<std::uint64_t>(touched.one, touched.samples);
-            if (samples != 0)
-                set_writer(touched);
-            else if (source_ != 0 && (touched.what & FeedNote::kMade) != 0)
-                frames_.word(touched.id, history::kSource)
-                    .store_relaxed(history::SourceWord::pack(source_, 0));
             if ((touched.what | touched.samples) != 0 && (touched.what & FeedNote::kRemoved) == 0)
                 feed_.correct(touched.note, touched.id, touched.what, samples, touched.author);
         }
         frames_.store_word(graph::kCommit).store_release(number());
         published_ = true;
+        // Behind the commit: after a death between, `Repair` does the same by the feed.
+        for (const Touched& touched : scratch_.touched) {
+            set_writer(frames_, touched.id, touched.what, touched.one || touched.samples != 0,
+                       touched.author, source_);
+        }
         if ((what_ & (FeedNote::kCleared | FeedNote::kRemoved)) != 0)
             let_go();
         return number();
@@ -289,19 +309,6 @@ private:
     /// Of a frame that `touch` or `frame` was called for.
     [[nodiscard]] Touched& touched(FrameId id) const {
         return scratch_.touched[scratch_.touched_frames.place(id)];
-    }
-    /// Whose samples the edge has.
-    void set_writer(const Touched& touched) const {
-        auto& last = frames_.word(touched.id, history::kAuthority);
-        if (last.load_relaxed() != touched.author)
-            last.store_relaxed(touched.author);
-        if (source_ == 0) [[likely]]
-            return;
-        using history::SourceWord;
-        auto& source = frames_.word(touched.id, history::kSource);
-        const bool made = (touched.what & FeedNote::kMade) != 0;
-        const std::uint64_t maker = made ? source_ : SourceWord::maker(source.load_relaxed());
-        source.store_relaxed(SourceWord::pack(maker, source_));
     }
     void reserve_touched() const {
         // `reserve` alone grows to the very number asked for.

@@ -133,6 +133,24 @@ public:
         return is_whole(first);
     }
 
+    /// Calls visit(note) for the notes of the newest commit, unless those are more than the ring
+    /// holds. Only for the holder of the commit lock.
+    template <class Visit>
+    void visit_newest(CommitNumber commit, Visit visit) const {
+        if (!is_kept() || floor().load_relaxed() > commit)
+            return;
+        const std::uint64_t entry = this->entry(commit).load_relaxed();
+        const std::uint64_t words = FeedEntry::words(entry);
+        if (words > kWords)
+            return;
+        for (std::uint64_t at = FeedEntry::first(entry); at < FeedEntry::end(entry);) {
+            const std::uint64_t note = word(at++).load_relaxed();
+            visit(note);
+            if ((FeedNote::what(note) & FeedNote::kRemoved) != 0)
+                at += FeedNote::name_words(note);
+        }
+    }
+
 private:
     /// What was read of this commit and later ones was not overwritten before.
     [[nodiscard]] bool is_whole(CommitNumber first) const {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
 
 from tfdb._core import pose_parts, poses_of_matrices
 
@@ -419,7 +419,8 @@ class Changes:
         return of_changes(self)
 
 
-class Epoch(NamedTuple):
+@dataclass(frozen=True, order=True, slots=True)
+class Epoch:
     """One life of a store, in which its commits are numbered. Of two the greater is the later."""
 
     number: int
