@@ -82,6 +82,7 @@ test-cpp: $(STAMPS)/venv
 	cd build/dev && ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
 	build/dev/bin/tfdb_sched
 	build/dev/bin/torture_store_shared --seconds $(KILL_SECONDS)
+	build/dev/bin/torture_store_apply --seconds 3
 	build/dev/bin/torture_store_damage --seconds 6
 	build/dev/bin/tfdb_driver_tests
 
@@ -148,7 +149,9 @@ relacy: $(STAMPS)/venv
 torture: $(STAMPS)/venv
 	for preset in dev torture; do \
 	    $(CMAKE) --preset $$preset >/dev/null && \
-	    $(CMAKE) --build --preset $$preset -j $(JOBS) --target torture_store_shared && \
+	    $(CMAKE) --build --preset $$preset -j $(JOBS) \
+	        --target torture_store_shared torture_store_apply && \
+	    build/$$preset/bin/torture_store_apply --seconds $$(($(TORTURE_SECONDS) / 8)) && \
 	    build/$$preset/bin/torture_store_shared --seconds $$(($(TORTURE_SECONDS) / 2)) || exit 1; \
 	done
 	for preset in dev asan-damage; do \

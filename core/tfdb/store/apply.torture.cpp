@@ -114,7 +114,7 @@ private:
                     write(random_() % 4 == 0);
             }
         } catch (const Error&) {
-            ++refused_;  // it is no commit
+            ++refused_;
         }
     }
     void write(bool is_static) {
