@@ -11,7 +11,7 @@ import click
 import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
-from tfdb.judging.follower import Follower, author_of
+from tfdb.judging.follower import Follower
 from tfdb.judging.rates import Delays, Frame, Rates
 from tfdb.recordings.arrivals import ArrivalReader
 from tfdb.recordings.load_report import Tally, warn_of_refused
@@ -128,10 +128,10 @@ class Watch:
         """How deep each frame is in the tree, in its order."""
         return {row.info.name: row.depth for row in Forest(self._store.tree()).rows()}
 
-    def take(self, changes: Sequence[Changes], arrival: int, author: str | None = None) -> None:
-        """Take what came; `author`: of all of it, None: as the store says."""
-        authors: dict[str, str] = {}
+    def take(self, changes: Sequence[Changes], arrival: int) -> None:
+        """Count the samples of commits."""
         for change in changes:
+            authors = iter(change.authorities)
             for name in (*change.cleared, *change.removed):
                 self.rates.forget_stamps(name)
             for columns, static in ((change.stored, False), (change.stored_static, True)):
@@ -140,15 +140,7 @@ class Watch:
                 for parent, child, stamp in zip(
                     columns.parents, columns.children, stamps, strict=True
                 ):
-                    if author is None and child not in authors:
-                        authors[child] = author_of(self._store, child)
-                    self.rates.add(
-                        (parent, child),
-                        stamp,
-                        arrival,
-                        authors[child] if author is None else author,
-                        static=static,
-                    )
+                    self.rates.add((parent, child), stamp, arrival, next(authors), static=static)
         if changes:
             self._look_at_chain(arrival)
 
@@ -245,7 +237,7 @@ def _of_chain(
             if before == (tally.commits, tally.refused):
                 continue
             watch = watch or Watch(store, chain, Rates(arrival, 1))
-            watch.take(follower.changes(0.0), arrival, one.source.authority)
+            watch.take(follower.changes(0.0), arrival)
     report = tally.report((recordings.names,), 0.0, rewriter, empty=True)
     warn_of_refused(report.files, report.refused_edges, 2)
     common.find_frames(store, *chain)

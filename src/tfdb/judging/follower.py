@@ -11,7 +11,7 @@ from .arrivals import Arrivals
 from .doctor import Log
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     import numpy as np
     import numpy.typing as npt
@@ -101,13 +101,14 @@ def watch_arrivals(
         changes = follower.changes(began + min(passed + _BETWEEN, seconds))
         arrival = live.now()
         for change in changes:
-            log.add_columns(live.store, change.stored, arrival, static=False)
-            log.add_columns(live.store, change.stored_static, arrival, static=True)
+            authors = iter(change.authorities)
+            log.add_columns(change.stored, authors, arrival, static=False)
+            log.add_columns(change.stored_static, authors, arrival, static=True)
     return log.arrivals(follower.missed)
 
 
 class _Log:
-    """Arrivals and their publishers; a store keeps the last one of each frame."""
+    """Arrivals and their publishers."""
 
     def __init__(self) -> None:
         self._log = Log()
@@ -119,24 +120,15 @@ class _Log:
         self._known = self._known or bool(author)
         self._log.add([row], arrival=arrival, publisher=author, static=static)
 
-    def add_columns(self, store: Buffer, columns: Columns, arrival: int, *, static: bool) -> None:
-        authors: dict[str, str] = {}
+    def add_columns(
+        self, columns: Columns, authors: Iterator[str], arrival: int, *, static: bool
+    ) -> None:
         given = cast("npt.NDArray[np.int64] | None", columns.stamps)
         stamps = [0] * len(columns) if given is None else given.tolist()
         for parent, child, stamp, pose in zip(
             columns.parents, columns.children, stamps, columns.poses.tolist(), strict=True
         ):
-            if child not in authors:
-                authors[child] = author_of(store, child)
-            self.add((parent, child, stamp, pose), arrival, authors[child], static=static)
+            self.add((parent, child, stamp, pose), arrival, next(authors), static=static)
 
     def arrivals(self, missed: int = 0) -> Arrivals:
         return Arrivals(self._log, self._known, missed=missed)
-
-
-def author_of(store: Reads, frame: str) -> str:
-    """The last publisher of a frame."""
-    try:
-        return store.frame_info(frame).authority
-    except errors.UnknownFrame:
-        return ""  # it was removed since
