@@ -91,9 +91,9 @@ def test_commands_for_recordings_refuse_frozen_stores(
 
 def test_the_help_lists_commands_without_frozen_stores(tool: Tool) -> None:
     said = " ".join(tool("--help").out.split())
-    assert "merge, rename, convert and serve read recordings and trajectories only" in said
-    assert "convert also reads .tfdb files to write a trajectory or a viewer's file" in said
-    assert "monitor does not read .tfdb files" in said
+    assert "merge, rename and serve bag read recordings and trajectories. " in said
+    assert "convert also reads .tfdb files, for a trajectory or a viewer's file. " in said
+    assert "monitor reads all but .tfdb files. " in said
 
 
 def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:
