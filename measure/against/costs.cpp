@@ -1,7 +1,7 @@
 // tfdb_costs: what tfdb costs where its data are unusual, or many: growth, late samples, held
 // snapshots, depth of history, names. Prints rows as tfdb_against_tf2 does.
 //
-//   tfdb_costs [--rounds N] [--samples N] [writes] [held] [depth] [names] [growth]
+//   tfdb_costs [--rounds N] [--samples N] [writes] [held] [depth] [names] [growth] [bytes]
 //
 // A round fills stores of N samples (a million), so few of them do.
 
@@ -448,7 +448,7 @@ void growth_rows(const Costs& costs) {
          }},
         {"a write that is refused, above n parents", 10, re_parent, write_refused},
         {"a transaction of n descending stamps", 10, nothing, descend},
-        {"n writes, each of a new authority", 10, nothing, name_authors},
+        {"n writes, each of a new authority", 100, nothing, name_authors},
         {"n frames jointN", 10, nothing, name_frames},
         {"tree() of n samples", 1, fill, [](Buffer& b, StampNs) { keep(b.tree(std::nullopt)); }},
         {"frame_info of n samples", 1, fill,
@@ -470,11 +470,103 @@ void growth_rows(const Costs& costs) {
     }
 }
 
-const std::pair<const char*, void (*)(const Costs&)> kGroups[] = {{"writes", write_rows},
-                                                                  {"held", held_rows},
-                                                                  {"depth", depth_rows},
-                                                                  {"names", name_rows},
-                                                                  {"growth", growth_rows}};
+// -- commits as bytes ----------------------------------------------------------------------------
+
+/// Ten joints that move, at a time.
+class Joints {
+public:
+    Joints() {
+        for (int i = 0; i <= 10; ++i)
+            names_.push_back("joint" + std::to_string(i));
+    }
+    [[nodiscard]] const std::vector<TransformView>& at(StampNs commit) {
+        members_.clear();
+        for (std::size_t i = 0; i < 10; ++i) {
+            const double turn = 0.001 * static_cast<double>(commit) + static_cast<double>(i);
+            const Pose pose{{std::sin(turn), std::cos(turn), turn},
+                            {0.0, 0.0, std::sin(turn), std::cos(turn)}};
+            members_.push_back({names_[i], names_[i + 1], 10'000'000 * commit, pose});
+        }
+        return members_;
+    }
+
+private:
+    std::vector<std::string> names_;
+    std::vector<TransformView> members_;
+};
+
+void bytes_rows(const Costs& costs) {
+    constexpr StampNs kCommits = 4096;
+    using Bytes = std::vector<std::byte>;
+    Rounds each;
+    Rounds state;
+    for (int round = 0; round < std::max(5, costs.rounds); ++round) {
+        Joints joints;
+        Buffer source = keeping_all();
+        std::vector<Bytes> messages(kCommits);
+        for (StampNs i = 0; i < kCommits; ++i) {
+            tfdb::wire::encode_tf_message(joints.at(i), tfdb::wire::Encoding::kCdr,
+                                          messages[static_cast<std::size_t>(i)]);
+            source.set_transforms(joints.at(i), false, "");
+        }
+        std::vector<Bytes> samples;
+        const auto per_commit = [&](const char* name, const std::function<void()>& work) {
+            add(each, name, 1e-3 * nanos_of(work) / static_cast<double>(kCommits));
+        };
+        per_commit("commits_bytes", [&] {
+            for (tfdb::CommitNumber since = 0; since < kCommits; since += 64)
+                samples.push_back(source.commits_bytes(since));
+        });
+        per_commit("changes", [&] { keep(source.changes(0)); });
+        Buffer ingested = keeping_all();
+        std::vector<TransformView> members;
+        per_commit("a TFMessage", [&] {
+            for (const Bytes& message : messages) {
+                tfdb::wire::decode_tf_message(message, tfdb::wire::Encoding::kCdr, members);
+                ingested.set_transforms(members, false, "");
+            }
+        });
+        Buffer applied = keeping_all();
+        per_commit("apply", [&] {
+            for (const Bytes& sample : samples)
+                applied.apply(sample);
+        });
+        std::size_t bytes = 0;
+        for (const Bytes& sample : samples)
+            bytes += sample.size();
+        std::size_t message_bytes = 0;
+        for (const Bytes& message : messages)
+            message_bytes += message.size();
+        add(state, "bytes a transform", static_cast<double>(bytes) / (10.0 * kCommits));
+        add(state, "of a TFMessage", static_cast<double>(message_bytes) / (10.0 * kCommits));
+    }
+    print_row("a commit of ten, in samples of 64", 0, "us", each);
+    print_row("bytes a transform, in samples of 64 commits of ten", 0, "B", state);
+
+    Rounds whole;
+    for (int round = 0; round < std::max(3, costs.rounds); ++round) {
+        Buffer source = keeping_all();
+        for (StampNs stamp = 1; stamp <= 10; ++stamp) {
+            std::vector<std::string> names;
+            std::vector<TransformView> members;
+            for (int i = 0; i < 10'000; ++i)
+                names.push_back("frame" + std::to_string(i));
+            for (const std::string& name : names)
+                members.push_back({"map", name, stamp, kPose});
+            source.set_transforms(members, false, "");
+        }
+        const tfdb::Snapshot held = source.snapshot();
+        Bytes sample;
+        add(whole, "encode", 1e-6 * nanos_of([&] { sample = held.state_bytes(); }));
+        Buffer applied = keeping_all();
+        add(whole, "apply", 1e-6 * nanos_of([&] { applied.apply(sample); }));
+    }
+    print_row("a state of 10,000 frames of ten samples", 0, "ms", whole);
+}
+
+const std::pair<const char*, void (*)(const Costs&)> kGroups[] = {
+    {"writes", write_rows}, {"held", held_rows},     {"depth", depth_rows},
+    {"names", name_rows},   {"growth", growth_rows}, {"bytes", bytes_rows}};
 
 int run(const std::vector<std::string>& arguments) {
     Costs costs;

@@ -290,6 +290,21 @@ def _history() -> Iterator[Goal]:
     yield at_most("bytes per stored sample, resident", 76, memory, unit="B")
 
 
+def _bytes() -> Iterator[Goal]:
+    row = "a commit of ten, in samples of 64"
+    yield at_most(
+        "`commits_bytes` of a commit of ten, in samples of 64", 3,
+        cost(row, "commits_bytes"), unit="us",
+    )  # fmt: skip
+    text = "`apply` of a commit of ten, against storing the same TFMessage"
+    yield at_most(text, 1.3, cost(row, "apply"), cost(row, "a TFMessage"))
+    size = cost("bytes a transform, in samples of 64 commits of ten", "bytes a transform")
+    yield at_most("bytes a transform, in samples of 64 commits of ten", 62, size, unit="B")
+    state = "a state of 10,000 frames of ten samples"
+    for name, goal in (("encode", 50), ("apply", 40)):
+        yield at_most(f"{state}: {name}", goal, cost(state, name), unit="ms")
+
+
 def _rest() -> Iterator[Goal]:
     text = "loading 1 M transforms (`.mcap`), against rosbags and tf2 inserts"
     ours = Cell("loading", "load, mcap, chain of 10", "tfdb")
@@ -420,6 +435,7 @@ ROWS = [
     *_writes(),
     *_batches(),
     *_history(),
+    *_bytes(),
     *_sharing(),
     *_processes(),
     *_live(),
