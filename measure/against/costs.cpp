@@ -484,7 +484,8 @@ public:
         for (std::size_t i = 0; i < 10; ++i) {
             const double turn = 0.001 * static_cast<double>(commit) + static_cast<double>(i);
             const Pose pose{{std::sin(turn), std::cos(turn), turn},
-                            {0.0, 0.0, std::sin(turn), std::cos(turn)}};
+                            {0.6 * std::sin(turn), 0.48 * std::sin(turn), 0.64 * std::sin(turn),
+                             std::cos(turn)}};
             members_.push_back({names_[i], names_[i + 1], 10'000'000 * commit, pose});
         }
         return members_;

@@ -46,6 +46,8 @@ public:
 
     /// None: nothing of the source was applied yet.
     [[nodiscard]] std::optional<Position> position() {
+        if (record_ != 0)
+            return store_.positions.position(record_);
         record_ = store_.positions.find(options_.source);
         if (record_ == 0)
             return std::nullopt;
