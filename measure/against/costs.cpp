@@ -496,6 +496,29 @@ private:
     std::vector<TransformView> members_;
 };
 
+void state_row(const Costs& costs) {
+    using Bytes = std::vector<std::byte>;
+    Rounds whole;
+    for (int round = 0; round < std::max(3, costs.rounds); ++round) {
+        Buffer source = keeping_all();
+        for (StampNs stamp = 1; stamp <= 10; ++stamp) {
+            std::vector<std::string> names;
+            std::vector<TransformView> members;
+            for (int i = 0; i < 10'000; ++i)
+                names.push_back("frame" + std::to_string(i));
+            for (const std::string& name : names)
+                members.push_back({"map", name, stamp, kPose});
+            source.set_transforms(members, false, "");
+        }
+        const tfdb::Snapshot held = source.snapshot();
+        Bytes sample;
+        add(whole, "encode", 1e-6 * nanos_of([&] { sample = held.state_bytes(); }));
+        Buffer applied = keeping_all();
+        add(whole, "apply", 1e-6 * nanos_of([&] { applied.apply(sample); }));
+    }
+    print_row("a state of 10,000 frames of ten samples", 0, "ms", whole);
+}
+
 void bytes_rows(const Costs& costs) {
     constexpr StampNs kCommits = 4096;
     using Bytes = std::vector<std::byte>;
@@ -543,26 +566,7 @@ void bytes_rows(const Costs& costs) {
     }
     print_row("a commit of ten, in samples of 64", 0, "us", each);
     print_row("bytes a transform, in samples of 64 commits of ten", 0, "B", state);
-
-    Rounds whole;
-    for (int round = 0; round < std::max(3, costs.rounds); ++round) {
-        Buffer source = keeping_all();
-        for (StampNs stamp = 1; stamp <= 10; ++stamp) {
-            std::vector<std::string> names;
-            std::vector<TransformView> members;
-            for (int i = 0; i < 10'000; ++i)
-                names.push_back("frame" + std::to_string(i));
-            for (const std::string& name : names)
-                members.push_back({"map", name, stamp, kPose});
-            source.set_transforms(members, false, "");
-        }
-        const tfdb::Snapshot held = source.snapshot();
-        Bytes sample;
-        add(whole, "encode", 1e-6 * nanos_of([&] { sample = held.state_bytes(); }));
-        Buffer applied = keeping_all();
-        add(whole, "apply", 1e-6 * nanos_of([&] { applied.apply(sample); }));
-    }
-    print_row("a state of 10,000 frames of ten samples", 0, "ms", whole);
+    state_row(costs);
 }
 
 const std::pair<const char*, void (*)(const Costs&)> kGroups[] = {
