@@ -179,6 +179,37 @@ nb::object transform_points(nb::handle self, nb::handle target, nb::handle sourc
     return wanted.to.array;
 }
 
+nb::object lookup_edges(nb::handle self, nb::handle frames, nb::handle stamp, nb::handle policy,
+                        nb::handle out, nb::handle dtype, nb::handle missing) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    EdgesWanted wanted(frames, stamp, policy, out, dtype, missing);
+    {
+        const LongWork work(pinned.may_wait() || wanted.size() >= kReleaseFromEdges);
+        wanted.fill_from(pinned.reads);
+    }
+    return wanted.array();
+}
+
+/// Whether float32 is wanted; none: no type is named. Throws InvalidArgument for any other.
+std::optional<bool> wants_floats(nb::handle dtype) {
+    if (dtype.is_none()) {
+        return std::nullopt;
+    }
+    const nb::object make = nb::module_::import_("numpy").attr("dtype");
+    const nb::object given =
+        nb::steal(PyObject_CallFunctionObjArgs(make.ptr(), dtype.ptr(), nullptr));
+    if (!given.is_valid()) {
+        forget_error();
+    }
+    const bool floats = given.is_valid() && given.equal(make("float32"));
+    if (!floats && !(given.is_valid() && given.equal(make("float64")))) {
+        throw_error("InvalidArgument",
+                    "dtype must be numpy.float64 or numpy.float32, got " + short_repr(dtype),
+                    {{"value", nb::borrow(dtype)}});
+    }
+    return floats;
+}
+
 std::string_view optional_name_of(nb::handle name, const char* role) {
     return name.is_none() ? std::string_view() : name_of(name, role);
 }
@@ -219,6 +250,38 @@ Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` 
 
 PyMethodDef g_lookup_transforms = {"lookup_transforms", as_function(lookup_transforms),
                                    METH_FASTCALL | METH_KEYWORDS, kLookupTransformsDoc};
+
+constexpr const char* kLookupEdgesDoc =
+    R"(T[parent<-frame] of many frames at one stamp, all from one snapshot.
+
+Row i is what `lookup_transform(parent, frames[i], stamp, policy)` gives in that snapshot, bit for
+bit, where `parent` is the parent that the frame has at that stamp: `parent_of(frames[i], stamp)`,
+or `tree_columns(stamp).parents` for all. Frames above the parent are not looked at.
+
+Parameters
+----------
+frames
+    Frame names.
+stamp
+    Nanoseconds, the same for all. None: each edge's newest sample.
+policy
+    How stamps between samples are answered. None: Interpolate().
+out
+    Array to write to: float64 or float32, C-contiguous, (N, 7). An error, or Ctrl-C, may leave it
+    partly written.
+dtype
+    `numpy.float64` or `numpy.float32`, which rounds. None: that of `out`, or float64.
+missing
+    `nan`: NaN in the row of a frame that does not exist, is a root at that stamp or has no data
+    there. `raise`: the error of the first of them, with its `index`.
+
+Returns
+-------
+numpy.ndarray
+    `out`, or a new array (N, 7): x y z qx qy qz qw.
+
+Raises InvalidArray, InvalidArgument, InvalidStamp; with `missing="raise"` UnknownFrame, Disconnected
+(a root), and what else `lookup_transform` raises.)";
 
 constexpr const char* kTransformPointsDoc =
     R"(Map points of `source` into `target`, each at its own stamp.
@@ -295,6 +358,72 @@ PointsWanted::PointsWanted(nb::handle target_name, nb::handle source_name, nb::h
     missing = missing_of(absent);
 }
 
+EdgesWanted::EdgesWanted(nb::handle names, nb::handle when, nb::handle how, nb::handle out,
+                         nb::handle dtype, nb::handle absent)
+    : stamp_(optional_stamp_of(when.ptr())),
+      policy_(policy_of(how.ptr())),
+      missing_(missing_of(absent)) {
+    read_names(names);
+    make_rows(out, dtype);
+}
+
+void EdgesWanted::read_names(nb::handle names) {
+    constexpr const char* kWanted = "a sequence of frames' names";
+    if (PyUnicode_Check(names.ptr())) {
+        PyErr_SetString(PyExc_TypeError,
+                        "frames must be a sequence of frames' names, got a single str: for one "
+                        "frame write [frame]");
+        throw nb::python_error();
+    }
+    check_many(names, "frames", kWanted);
+    kept_ = nb::steal(PySequence_Tuple(names.ptr()));
+    if (!kept_.is_valid()) {
+        throw nb::python_error();
+    }
+    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(kept_.ptr()));
+    frames_.resize(count);
+    for (std::size_t i = 0; i < count; ++i) {
+        look_for_signals(i);
+        PyObject* const item = NB_TUPLE_GET_ITEM(kept_.ptr(), static_cast<Py_ssize_t>(i));
+        at_index(i, [&] { frames_[i].name = name_of(item, "frames"); });
+    }
+}
+
+void EdgesWanted::make_rows(nb::handle out, nb::handle dtype) {
+    const std::optional<bool> floats = wants_floats(dtype);
+    const std::size_t count = frames_.size();
+    if (out.is_none()) {
+        if (floats.value_or(false)) {
+            const NewArray<float> made = new_floats({count, 7});
+            array_ = made.array;
+            floats_ = made.data;
+        } else {
+            const NewArray<double> made = new_doubles({count, 7});
+            array_ = made.array;
+            doubles_ = made.data;
+        }
+        return;
+    }
+    view_ = ArrayView::of(out, true);
+    const bool fits = view_ && view_->contiguous() && view_->dimensions() == 2 &&
+                      view_->extent(0) == count && view_->extent(1) == 7;
+    const bool single = fits && view_->kind() == Kind::kFloat32;
+    if (!fits || (!single && view_->kind() != Kind::kFloat64) ||
+        floats.value_or(single) != single) {
+        const std::string type = !floats ? "float64 or float32" : *floats ? "float32" : "float64";
+        throw_bad_array(
+            "out",
+            "a writable, C-contiguous array of " + type + " (" + std::to_string(count) + ", 7)",
+            describe(out));
+    }
+    array_ = nb::borrow(out);
+    if (single) {
+        floats_ = view_->data<float>();
+    } else {
+        doubles_ = view_->data<double>();
+    }
+}
+
 VelocityWanted::VelocityWanted(nb::handle target_name, nb::handle source_name, nb::handle when,
                                nb::handle length, nb::handle axes, nb::handle where,
                                nb::handle where_frame)
@@ -311,6 +440,7 @@ void add_raw_batch(nb::handle type) {
 }
 
 void bind_batch(nb::class_<ReadsObject>& type) {
+    bind_lookup_edges(type, &lookup_edges, kLookupEdgesDoc);
     bind_transform_points(type, &transform_points, kTransformPointsDoc);
 }
 

@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string_view>
+#include <vector>
 
 #include "arrays.hpp"
 #include "reads.hpp"
@@ -17,6 +18,8 @@ namespace tfdb::python {
 
 /// From here on a batch takes so long that other threads should run: about 0.1 ms and more.
 inline constexpr std::size_t kReleaseFromRows = 8192;
+/// The same of edges that are looked up at one stamp.
+inline constexpr std::size_t kReleaseFromEdges = 1024;
 /// Up to so many are done before a signal could matter.
 inline constexpr std::size_t kQuickRows = 128;
 
@@ -109,6 +112,59 @@ void bind_transform_points(Type& type, Function function, const char* doc) {
                      "numpy.typing.NDArray[typing.Any] | None = None, missing: "
                      "typing.Literal['raise', 'nan'] = 'raise') -> "
                      "numpy.typing.NDArray[typing.Any]"),
+             doc);
+}
+
+/// The arguments of `lookup_edges`, checked, and the rows to be written.
+class EdgesWanted {
+public:
+    /// Throws TypeError, InvalidName, InvalidArgument, InvalidStamp, InvalidArray.
+    EdgesWanted(nb::handle names, nb::handle when, nb::handle how, nb::handle out, nb::handle dtype,
+                nb::handle absent);
+
+    [[nodiscard]] std::size_t size() const { return frames_.size(); }
+    [[nodiscard]] const nb::object& array() const { return array_; }
+    /// Has `reads`, a store or a transaction, fill the rows.
+    template <class From>
+    void fill_from(From& reads) {
+        if (doubles_ != nullptr) {
+            fill_rows(reads, doubles_);
+        } else {
+            fill_rows(reads, floats_);
+        }
+    }
+
+private:
+    void read_names(nb::handle names);
+    void make_rows(nb::handle out, nb::handle dtype);
+    template <class From, class Real>
+    void fill_rows(From& reads, Real* rows) {
+        reads.lookup_edges(std::span(frames_), stamp_, policy_, missing_,
+                           std::span(rows, 7 * frames_.size()));
+    }
+
+    nb::object kept_;  // the names
+    std::vector<FrameRef> frames_;
+    std::optional<StampNs> stamp_;
+    Policy policy_;
+    Missing missing_;
+    std::optional<ArrayView> view_;  // of `out`, held so that its memory stays in place
+    nb::object array_;
+    double* doubles_ = nullptr;  // of the two one
+    float* floats_ = nullptr;
+};
+
+/// Binds `lookup_edges` to a class, with the signature that all reads share.
+template <class Type, class Function>
+void bind_lookup_edges(Type& type, Function function, const char* doc) {
+    type.def("lookup_edges", function, nb::arg("frames").none(), nb::arg("stamp") = nb::none(),
+             nb::arg("policy") = nb::none(), nb::kw_only(), nb::arg("out") = nb::none(),
+             nb::arg("dtype") = nb::none(), nb::arg("missing").none() = "nan",
+             nb::sig("def lookup_edges(self, frames: collections.abc.Iterable[str], stamp: "
+                     "tfdb.types.StampLike | None = None, policy: Policy | None = None, *, out: "
+                     "numpy.typing.NDArray[typing.Any] | None = None, dtype: "
+                     "numpy.typing.DTypeLike = None, missing: typing.Literal['raise', 'nan'] = "
+                     "'nan') -> numpy.typing.NDArray[typing.Any]"),
              doc);
 }
 

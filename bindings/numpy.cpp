@@ -13,7 +13,8 @@ namespace {
 
 // What numpy's headers say, alike for numpy 1 and 2: numbers of types, flags, the first fields of
 // an array, and places in the table of functions that it hands to other extensions.
-enum TypeNumber : int { kInt64 = 7, kFloat32 = 11, kFloat64 = 12 };
+enum TypeNumber : int { kBool = 0, kInt64 = 7, kFloat32 = 11, kFloat64 = 12 };
+static_assert(sizeof(bool) == 1, "as numpy's");
 static_assert(sizeof(long) == sizeof(clock::StampNs), "7 is the number of a long");
 constexpr int kContiguous = 0x0001;
 constexpr int kAligned = 0x0100;
@@ -135,6 +136,10 @@ NewArray<float> new_floats(std::initializer_list<std::size_t> shape) {
 
 NewArray<clock::StampNs> new_stamps(std::size_t count) {
     return make_array<clock::StampNs>(kInt64, {count});
+}
+
+NewArray<bool> new_flags(std::size_t count) {
+    return make_array<bool>(kBool, {count});
 }
 
 std::optional<std::span<const clock::StampNs>> plain_stamps(nb::handle object) {

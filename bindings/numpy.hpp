@@ -25,6 +25,7 @@ struct NewArray {
 NewArray<double> new_doubles(std::initializer_list<std::size_t> shape);
 NewArray<float> new_floats(std::initializer_list<std::size_t> shape);
 NewArray<clock::StampNs> new_stamps(std::size_t count);
+NewArray<bool> new_flags(std::size_t count);
 
 /// The array just made, which Python may not write to from here on.
 nb::object read_only(nb::object array);

@@ -5,6 +5,9 @@
 
 #include <algorithm>
 #include <cstring>
+#include <limits>
+#include <string_view>
+#include <utility>
 
 #include "arrays.hpp"
 #include "errors.hpp"
@@ -19,17 +22,51 @@ nb::object stamp_or_none(StampNs stamp) {
     return stamp < 0 ? nb::object(nb::none()) : nb::object(nb::int_(stamp));
 }
 
-nb::object rate_of(const FrameInfo& info) {
+/// `Info`: FrameInfo or a row of TreeColumns.
+template <class Info>
+std::optional<double> rate_of(const Info& info) {
     if (info.is_static || info.samples < 2 || info.newest <= info.oldest) {
-        return nb::none();
+        return std::nullopt;
     }
-    return nb::float_(static_cast<double>(info.samples - 1) /
-                      clock::to_seconds(info.newest - info.oldest));
+    return static_cast<double>(info.samples - 1) / clock::to_seconds(info.newest - info.oldest);
+}
+
+template <class T, class Value>
+nb::object column_of(const std::vector<TreeColumns::Row>& rows, NewArray<T> made, Value value) {
+    std::transform(rows.begin(), rows.end(), made.data, value);
+    return std::move(made.array);
+}
+
+/// Of each row a new reference to one of the names, or to None.
+nb::object name_column(const std::vector<TreeColumns::Row>& rows, const nb::tuple& names,
+                       std::uint32_t TreeColumns::Row::*place) {
+    nb::object made = nb::steal(PyTuple_New(static_cast<Py_ssize_t>(rows.size())));
+    if (!made.is_valid()) {
+        throw nb::python_error();
+    }
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+        const std::uint32_t at = rows[i].*place;
+        PyObject* const name =
+            at == TreeColumns::kNone ? Py_None : NB_TUPLE_GET_ITEM(names.ptr(), at);
+        NB_TUPLE_SET_ITEM(made.ptr(), static_cast<Py_ssize_t>(i), Py_NewRef(name));
+    }
+    return made;
+}
+
+nb::tuple name_tuple(const std::vector<std::string>& names, nb::str (*make)(std::string_view)) {
+    nb::object made = nb::steal(PyTuple_New(static_cast<Py_ssize_t>(names.size())));
+    if (!made.is_valid()) {
+        throw nb::python_error();
+    }
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        NB_TUPLE_SET_ITEM(made.ptr(), static_cast<Py_ssize_t>(i), make(names[i]).release().ptr());
+    }
+    return nb::borrow<nb::tuple>(made);
 }
 
 nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
     return type(str_of_name(info.name), name_or_none(info.parent), info.is_static, info.samples,
-                stamp_or_none(info.oldest), stamp_or_none(info.newest), rate_of(info),
+                stamp_or_none(info.oldest), stamp_or_none(info.newest), nb::cast(rate_of(info)),
                 escaped(info.authority), info.late, info.longest_gap, info.cleared);
 }
 
@@ -87,6 +124,13 @@ nb::list tree(nb::handle self, nb::handle when) {
         pinned.ask_long([&](const Reads& reads) { return reads.tree(stamp); }));
 }
 
+nb::object tree_columns(nb::handle self, nb::handle when) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
+    return tree_columns_record(
+        pinned.ask_long([&](const Reads& reads) { return reads.tree_columns(stamp); }));
+}
+
 nb::tuple samples(nb::handle self, nb::handle name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
@@ -126,6 +170,29 @@ nb::list frame_info_records(const std::vector<FrameInfo>& infos) {
         made.append(frame_info_of(type, info));
     }
     return made;
+}
+
+nb::object tree_columns_record(const TreeColumns& columns) {
+    using Row = TreeColumns::Row;
+    const std::vector<Row>& rows = columns.rows;
+    const auto numbers = [&](auto Row::*field) {
+        return column_of(rows, new_stamps(rows.size()),
+                         [field](const Row& row) { return static_cast<StampNs>(row.*field); });
+    };
+    const auto flags = [&](bool Row::*field) {
+        return column_of(rows, new_flags(rows.size()),
+                         [field](const Row& row) { return row.*field; });
+    };
+    const auto rate = [](const Row& row) {
+        return rate_of(row).value_or(std::numeric_limits<double>::quiet_NaN());
+    };
+    const nb::tuple names = name_tuple(columns.names, str_of_name);
+    return record_type("TreeColumns")(
+        names, name_column(rows, names, &Row::parent), flags(&Row::is_static),
+        numbers(&Row::samples), numbers(&Row::oldest), numbers(&Row::newest),
+        column_of(rows, new_doubles({rows.size()}), rate),
+        name_column(rows, name_tuple(columns.authorities, escaped), &Row::authority),
+        numbers(&Row::late), numbers(&Row::longest_gap), flags(&Row::cleared));
 }
 
 nb::list name_list(const std::vector<std::string>& names) {
@@ -209,6 +276,13 @@ ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was
              nb::sig("def tree(self, stamp: tfdb.types.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),
              "All frames, sorted by name, with the parents they have at a stamp (None: newest).");
+    type.def("tree_columns", &tree_columns, nb::arg("stamp") = nb::none(),
+             nb::sig("def tree_columns(self, stamp: tfdb.types.StampLike | None = None) -> "
+                     "tfdb.types.TreeColumns"),
+             R"(The frames and facts of `tree(stamp)` as columns, for stores of many frames.
+
+Row i is the i-th frame by name; the values are those of its FrameInfo, and an array holds -1 or NaN
+where that has None.)");
     type.def("samples", &samples, nb::arg("name").none(),
              nb::sig("def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], "
                      "numpy.typing.NDArray[numpy.float64], list[str]]"),

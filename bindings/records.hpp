@@ -17,6 +17,7 @@ nb::object record_type(const char* name);
 
 nb::object frame_info_record(const FrameInfo& info);
 nb::list frame_info_records(const std::vector<FrameInfo>& infos);
+nb::object tree_columns_record(const TreeColumns& columns);
 /// Names in a row that are the same become one object.
 nb::list name_list(const std::vector<std::string>& names);
 /// (stamps, poses, names of parents).

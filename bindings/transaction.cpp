@@ -173,6 +173,13 @@ nb::object transform_points(TransactionObject& self, nb::handle target, nb::hand
     return wanted.to.array;
 }
 
+nb::object lookup_edges(TransactionObject& self, nb::handle frames, nb::handle stamp,
+                        nb::handle policy, nb::handle out, nb::handle dtype, nb::handle missing) {
+    EdgesWanted wanted(frames, stamp, policy, out, dtype, missing);
+    self.run([&](Transaction& transaction) { wanted.fill_from(transaction); });
+    return wanted.array();
+}
+
 nb::object path_stamps(TransactionObject& self, nb::handle target, nb::handle source,
                        nb::handle start, nb::handle end) {
     const std::string_view to = name_of(target, "target");
@@ -197,6 +204,12 @@ nb::list tree(TransactionObject& self, nb::handle when) {
     const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     return frame_info_records(
         self.run([&](Transaction& transaction) { return transaction.tree(stamp); }));
+}
+
+nb::object tree_columns(TransactionObject& self, nb::handle when) {
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
+    return tree_columns_record(
+        self.run([&](Transaction& transaction) { return transaction.tree_columns(stamp); }));
 }
 
 nb::tuple samples(TransactionObject& self, nb::handle name) {
@@ -229,8 +242,8 @@ PyMethodDef g_set_transform = {
     "wxyz=None, authority='')\n--\n\n"
     "Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.\n\n"
     "Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError\n"
-    "only at the commit. `change_kind` is missing: a transaction cannot drop the samples of a frame\n"
-    "that stays. `only_new` is missing: a transaction can read first which stamps are stored."};
+    "only at the commit. `change_kind` is missing: a transaction drops the samples of all moving\n"
+    "frames, by `clear`, or of none. `only_new` is missing: a transaction can read first which stamps are stored."};
 
 void set_static_transform(TransactionObject& self, nb::handle parent, nb::handle child,
                           nb::handle translation, nb::handle rotation, nb::handle rpy,
@@ -255,6 +268,10 @@ void set_transforms(TransactionObject& self, nb::handle batch, bool is_static,
 void remove_frames(TransactionObject& self, nb::handle names, bool recursive) {
     const FrameNames all(names);
     self.run([&](Transaction& transaction) { transaction.remove_frames(all.views(), recursive); });
+}
+
+void clear(TransactionObject& self) {
+    self.run([](Transaction& transaction) { transaction.clear(); });
 }
 
 std::optional<Pose> optional_pose_of(const PoseArguments& given) {
@@ -495,6 +512,10 @@ void bind_frames(TransactionClass& type) {
              nb::sig("def tree(self, stamp: tfdb.types.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),
              "All frames with their parents, as `Buffer.tree`. It depends on every edge.");
+    type.def("tree_columns", &tree_columns, nb::arg("stamp") = nb::none(),
+             nb::sig("def tree_columns(self, stamp: tfdb.types.StampLike | None = None) -> "
+                     "tfdb.types.TreeColumns"),
+             "The facts of `tree` as columns, as `Buffer.tree_columns`.");
     type.def("samples", &samples, nb::arg("name").none(),
              nb::sig("def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], "
                      "numpy.typing.NDArray[numpy.float64], list[str]]"),
@@ -512,6 +533,8 @@ void bind_frames(TransactionClass& type) {
              "As of `Reads`.");
     bind_velocity(type, &lookup_velocity,
                   "Velocity of `source` as seen from `target`, as `Buffer.lookup_velocity`.");
+    bind_lookup_edges(type, &lookup_edges,
+                      "T[parent<-frame] of many frames at one stamp, as `Buffer.lookup_edges`.");
     bind_transform_points(type, &transform_points,
                           "Points of `source` mapped into `target`, as `Buffer.transform_points`.");
 }
@@ -531,7 +554,7 @@ void bind_transaction_writes(TransactionClass& type) {
         R"(Store T[parent<-child] for every stamp, at the commit.
 
 Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
-`change_kind` is missing: a transaction cannot drop the samples of a frame that stays.)");
+`change_kind` is missing, as in `set_transform`.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
              nb::arg("static") = false, nb::arg("authority").none() = "",
              nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
@@ -549,6 +572,13 @@ in `set_transform`. `partial` is missing: write one by one, and catch the errors
              R"(Remove a frame, or several, at the commit.
 
 Arguments and errors as in `Buffer.remove_frames`.)");
+    type.def("clear", &clear, nb::sig("def clear(self) -> None"),
+             R"(Drop all moving samples at the commit; frames and static transforms stay.
+
+What the transaction stored before goes as well, but for static transforms; what it stores
+afterwards is stored by the same commit, so no reader finds the store empty. An edge may then become
+static, or moving, as after `Buffer.clear`. The samples that others store until the commit are
+dropped, which is no Conflict; another transaction that read one of the dropped samples has one.)");
     type.def(
         "reparent", &reparent, nb::arg("child").none(), nb::arg("parent").none(),
         nb::arg("stamp") = nb::none(), nb::arg("translation") = nb::none(),

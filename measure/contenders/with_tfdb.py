@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import sys
 import threading
 import time
 from pathlib import Path
@@ -220,6 +221,33 @@ class Contender:
             found[name] = _working_bytes(buffer, stamps)
         return found
 
+    def many_frames(self, count: int) -> dict[str, float]:
+        """Edges of many frames at one stamp, and their facts: the time of each of them."""
+        buffer = tfdb.Buffer(history=None)
+        names = tuple(f"frame_{i}" for i in range(count))
+        for k in range(100):
+            stamps = np.full(count, scenario.START + k * scenario.PERIOD)
+            poses = np.array(scenario.poses(0, k * count, count))
+            buffer.set_transforms(tfdb.Columns("map", names, stamps, poses))
+        stamp = scenario.START + 50 * scenario.PERIOD + scenario.PERIOD // 3
+        out = np.empty((count, 7))
+
+        def one_by_one() -> None:
+            for i, name in enumerate(names):
+                out[i] = buffer.lookup_transform("map", name, stamp).pose
+
+        one_by_one()
+        if not np.array_equal(out, buffer.lookup_edges(names, stamp)):
+            sys.exit("the edges at one stamp are not those of single lookups")
+        calls: dict[str, Callable[[], object]] = {
+            "lookup_edges": lambda: buffer.lookup_edges(names, stamp, out=out),
+            "lookup_edges, each one's newest": lambda: buffer.lookup_edges(names, out=out),
+            "lookup_transform": one_by_one,
+            "tree_columns": buffer.tree_columns,
+            "tree": buffer.tree,
+        }
+        return {name: _best(call) / count for name, call in calls.items()}
+
     def batch_poses(self, stamps: list[int]) -> list[list[float]]:
         """For comparing the batch's values with the others'."""
         where = self.names[0], self.names[-1]
@@ -245,6 +273,16 @@ class Contender:
     def poses_at(self, target: str, source: str, stamps: list[int]) -> list[list[float]]:
         lookup = self.buffer.lookup_transform
         return [lookup(target, source, stamp).pose.tolist() for stamp in stamps]
+
+
+def _best(call: Callable[[], object]) -> float:
+    """Nanoseconds of CPU of the median of a few calls."""
+    took = []
+    for _ in range(9):
+        start = time.process_time_ns()
+        call()
+        took.append(time.process_time_ns() - start)
+    return float(sorted(took)[4])
 
 
 def _working_bytes(buffer: tfdb.Buffer, stamps: np.ndarray) -> float:

@@ -50,6 +50,7 @@ NEEDED = {
     "tfdb_in_rospy": "tfdb, rospy",
 }
 FEW = (1, 4, 16, 64)  # stamps in one call
+MANY_FRAMES = 2_000  # looked up in one call
 
 # A robot that many processes look at: ten moving frames, 500 times a second each.
 LIVE_CHAIN, MESSAGES = 10, 500.0
@@ -185,6 +186,7 @@ def python(results: Results, effort: Effort) -> None:
             for worker in workers.values():
                 worker.close()
     _long_recording(results, effort, interpreters)
+    _many_frames(results, effort, interpreters["tfdb"])
 
 
 def _same_answers(workers: dict[str, Worker]) -> None:
@@ -293,6 +295,27 @@ def _long_recording(results: Results, effort: Effort, interpreters: dict[str, Pa
         memory["as many stamps as samples"].append(found["working_bytes_of_many"])
     _add(results, "Python", "batch sorted over n samples", 0, "ns", times)
     _add(results, "Python", "working memory of a batch over n samples", 0, "bytes", memory)
+
+
+def _many_frames(results: Results, effort: Effort, interpreter: Path) -> None:
+    """Measure the edges of many frames at one stamp, and the facts of all frames, per frame."""
+    rows = {
+        "edges of 2,000 frames at one stamp": (
+            ("tfdb", "lookup_edges"),
+            ("tfdb, each one's newest", "lookup_edges, each one's newest"),
+            ("tfdb, one by one", "lookup_transform"),
+        ),
+        "facts of 2,000 frames": (("tfdb, columns", "tree_columns"), ("tfdb, objects", "tree")),
+    }
+    times: dict[str, Rounds] = {row: {} for row in rows}
+    for _ in range(effort.rounds):
+        with Worker("tfdb", interpreter) as ours:
+            found = ours.call("many_frames", MANY_FRAMES)
+        for row, titles in rows.items():
+            for title, name in titles:
+                times[row].setdefault(title, []).append(found[name])
+    for row, of_row in times.items():
+        _add(results, "Python", row, 0, "ns", of_row)
 
 
 def loading(results: Results, effort: Effort) -> None:

@@ -278,6 +278,72 @@ class Reads:
         """
 
     @overload
+    def lookup_edges(
+        self,
+        frames: Iterable[str],
+        stamp: tfdb.types.StampLike | None = None,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[tfdb.types.Float],
+        dtype: None = None,
+        missing: Literal['raise', 'nan'] = 'nan',
+    ) -> numpy.typing.NDArray[tfdb.types.Float]:
+        """
+        T[parent<-frame] of many frames at one stamp, all from one snapshot.
+
+        Row i is what `lookup_transform(parent, frames[i], stamp, policy)` gives in that snapshot, bit for
+        bit, where `parent` is the parent that the frame has at that stamp: `parent_of(frames[i], stamp)`,
+        or `tree_columns(stamp).parents` for all. Frames above the parent are not looked at.
+
+        Parameters
+        ----------
+        frames
+            Frame names.
+        stamp
+            Nanoseconds, the same for all. None: each edge's newest sample.
+        policy
+            How stamps between samples are answered. None: Interpolate().
+        out
+            Array to write to: float64 or float32, C-contiguous, (N, 7). An error, or Ctrl-C, may leave it
+            partly written.
+        dtype
+            `numpy.float64` or `numpy.float32`, which rounds. None: that of `out`, or float64.
+        missing
+            `nan`: NaN in the row of a frame that does not exist, is a root at that stamp or has no data
+            there. `raise`: the error of the first of them, with its `index`.
+
+        Returns
+        -------
+        numpy.ndarray
+            `out`, or a new array (N, 7): x y z qx qy qz qw.
+
+        Raises InvalidArray, InvalidArgument, InvalidStamp; with `missing="raise"` UnknownFrame, Disconnected
+        (a root), and what else `lookup_transform` raises.
+        """
+    @overload
+    def lookup_edges(
+        self,
+        frames: Iterable[str],
+        stamp: tfdb.types.StampLike | None = None,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[tfdb.types.Float] | None = None,
+        dtype: type[tfdb.types.Float] | numpy.dtype[tfdb.types.Float],
+        missing: Literal['raise', 'nan'] = 'nan',
+    ) -> numpy.typing.NDArray[tfdb.types.Float]: ...
+    @overload
+    def lookup_edges(
+        self,
+        frames: Iterable[str],
+        stamp: tfdb.types.StampLike | None = None,
+        policy: Policy | None = None,
+        *,
+        out: None = None,
+        dtype: type[float] | None = None,
+        missing: Literal['raise', 'nan'] = 'nan',
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+
+    @overload
     def transform_points(
         self,
         target: str,
@@ -379,6 +445,14 @@ class Reads:
     def tree(self, stamp: tfdb.types.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
         """
         All frames, sorted by name, with the parents they have at a stamp (None: newest).
+        """
+
+    def tree_columns(self, stamp: tfdb.types.StampLike | None = None) -> tfdb.types.TreeColumns:
+        """
+        The frames and facts of `tree(stamp)` as columns, for stores of many frames.
+
+        Row i is the i-th frame by name; the values are those of its FrameInfo, and an array holds -1 or NaN
+        where that has None.
         """
 
     def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], list[str]]:
@@ -1426,6 +1500,9 @@ class NativeTransaction:
         All frames with their parents, as `Buffer.tree`. It depends on every edge.
         """
 
+    def tree_columns(self, stamp: tfdb.types.StampLike | None = None) -> tfdb.types.TreeColumns:
+        """The facts of `tree` as columns, as `Buffer.tree_columns`."""
+
     def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], list[str]]:
         """All samples of a frame's edge, as `Buffer.samples`."""
 
@@ -1441,6 +1518,43 @@ class NativeTransaction:
         """
         Velocity of `source` as seen from `target`, as `Buffer.lookup_velocity`.
         """
+
+    @overload
+    def lookup_edges(
+        self,
+        frames: Iterable[str],
+        stamp: tfdb.types.StampLike | None = None,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[tfdb.types.Float],
+        dtype: None = None,
+        missing: Literal['raise', 'nan'] = 'nan',
+    ) -> numpy.typing.NDArray[tfdb.types.Float]:
+        """
+        T[parent<-frame] of many frames at one stamp, as `Buffer.lookup_edges`.
+        """
+    @overload
+    def lookup_edges(
+        self,
+        frames: Iterable[str],
+        stamp: tfdb.types.StampLike | None = None,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[tfdb.types.Float] | None = None,
+        dtype: type[tfdb.types.Float] | numpy.dtype[tfdb.types.Float],
+        missing: Literal['raise', 'nan'] = 'nan',
+    ) -> numpy.typing.NDArray[tfdb.types.Float]: ...
+    @overload
+    def lookup_edges(
+        self,
+        frames: Iterable[str],
+        stamp: tfdb.types.StampLike | None = None,
+        policy: Policy | None = None,
+        *,
+        out: None = None,
+        dtype: type[float] | None = None,
+        missing: Literal['raise', 'nan'] = 'nan',
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
 
     @overload
     def transform_points(
@@ -1488,8 +1602,8 @@ class NativeTransaction:
         Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
 
         Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError
-        only at the commit. `change_kind` is missing: a transaction cannot drop the samples of a frame
-        that stays. `only_new` is missing: a transaction can read first which stamps are stored.
+        only at the commit. `change_kind` is missing: a transaction drops the samples of all moving
+        frames, by `clear`, or of none. `only_new` is missing: a transaction can read first which stamps are stored.
         """
     @overload
     def set_transform(
@@ -1510,7 +1624,7 @@ class NativeTransaction:
         Store T[parent<-child] for every stamp, at the commit.
 
         Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
-        `change_kind` is missing: a transaction cannot drop the samples of a frame that stays.
+        `change_kind` is missing, as in `set_transform`.
         """
 
     def set_transforms(self, batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.Columns, *, static: bool = False, authority: str = '') -> None:
@@ -1527,6 +1641,16 @@ class NativeTransaction:
         Remove a frame, or several, at the commit.
 
         Arguments and errors as in `Buffer.remove_frames`.
+        """
+
+    def clear(self) -> None:
+        """
+        Drop all moving samples at the commit; frames and static transforms stay.
+
+        What the transaction stored before goes as well, but for static transforms; what it stores
+        afterwards is stored by the same commit, so no reader finds the store empty. An edge may then become
+        static, or moving, as after `Buffer.clear`. The samples that others store until the commit are
+        dropped, which is no Conflict; another transaction that read one of the dropped samples has one.
         """
 
     def reparent(self, child: str, parent: str, stamp: tfdb.types.StampLike | None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:

@@ -208,6 +208,33 @@ def test_columns_are_encoded_as_their_rows(encoding: str) -> None:
     assert [one.stamp for one in tfdb.decode_tf_message(static, encoding)] == [0, 0]
 
 
+@pytest.mark.parametrize("encoding", oracle.ENCODINGS)
+def test_columns_of_a_store_come_back_bit_for_bit(encoding: str) -> None:
+    """Those of the change feed, and edges at one stamp; static ones at 0 and at given stamps."""
+    rng = np.random.default_rng(3)
+    buffer = tfdb.Buffer(history=None)
+    turns = rng.normal(size=(6, 4))
+    poses = np.hstack([rng.normal(size=(6, 3)), turns / np.linalg.norm(turns, axis=1)[:, None]])
+    names = [f"frame{i}" for i in range(6)]
+    buffer.set_transforms(tfdb.Columns("map", names[:4], [5, 9, 7, LAST_STAMP // 4], poses[:4]))
+    buffer.set_transforms(tfdb.Columns("map", names[4:], None, poses[4:]), static=True)
+    moving, static = buffer.changes(0)
+    at_one_stamp = tfdb.Columns("map", names[4:], [8, 8], buffer.lookup_edges(names[4:]))
+    for columns, stamps in (
+        (moving.stored, [5, 9, 7, LAST_STAMP // 4]),
+        (static.stored_static, [0, 0]),
+        (at_one_stamp, [8, 8]),
+    ):
+        data = tfdb.encode_tf_message(columns, encoding)
+        back = tfdb.decode_tf_message(data, encoding)
+        assert [(one.parent, one.child) for one in back] == [
+            ("map", child) for child in columns.children
+        ]
+        assert [one.stamp for one in back] == stamps
+        found = np.array([(*one.translation, *one.rotation) for one in back])
+        np.testing.assert_array_equal(found.view(np.int64), columns.poses.view(np.int64))
+
+
 def test_columns_that_cannot_be_encoded_name_the_row() -> None:
     poses = np.tile([1.0, 2, 3, 0, 0.6, 0, 0.8], (3, 1))
     with pytest.raises(tfdb.InvalidStamp) as stamp:

@@ -160,7 +160,7 @@ template <Session S, class Store>
 [[nodiscard]] bool commit_beside(S& session, const WriteSet<typename S::Memory>& writes,
                                  Store& store, CommitOutcome& outcome) {
     auto& plain = session.scratch().batch;
-    if (!make_plain(writes, store, plain))
+    if (writes.cleared() || !make_plain(writes, store, plain))
         return false;
     const Written written =
         write_beside(session, plain, store.readers(), outcome.commit,

@@ -174,6 +174,18 @@ struct Extent {
 
     bool operator==(const Extent&) const = default;
 
+    /// One that follows.
+    void add(StampNs stamp) {
+        if (samples == 0) {
+            samples = 1;
+            first = last = stamp;
+            return;
+        }
+        const StampNs gap = as_stamp(as_word(stamp) - as_word(last));
+        samples += gap == 0 ? 0 : 1;
+        longest_gap = std::max(longest_gap, gap);
+        last = stamp;
+    }
     /// Those that follow.
     void add(const Extent& next) {
         if (next.samples == 0)
@@ -196,7 +208,7 @@ template <class Memory>
     Extent all;
     for (std::uint64_t i = from; i < in.end(); ++i) {
         if (in.commit(i) <= newest)
-            all.add({1, in.stamp(i), in.stamp(i), 0});
+            all.add(in.stamp(i));
     }
     return all;
 }

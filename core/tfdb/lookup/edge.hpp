@@ -144,7 +144,8 @@ template <View V>
     return Outcome::kOk;
 }
 
-/// T[parent<-child] of one edge at a stamp. kMismatch if the samples name another parent.
+/// T[parent<-child] of one edge at a stamp. kMismatch if the samples name another parent; kNoFrame
+/// stands for the one that they name, and kMismatch is then that there is none.
 template <View V>
 [[nodiscard]] Outcome edge_pose(const V& view, FrameId child, FrameId parent, StampNs stamp,
                                 const Policy& policy, geometry::Pose& pose, EdgeUse& use,
@@ -159,6 +160,8 @@ template <View V>
     if (!chosen.anchor)
         return Outcome::kMismatch;
     const auto anchor = edge.read(chosen.anchor);
+    if (parent == kNoFrame)
+        parent = anchor.parent;
     pose = std::bit_cast<geometry::Pose>(anchor.payload);
     geometry::Pose other;
     bool mixed = static_cast<bool>(chosen.second);

@@ -234,6 +234,42 @@ template <View V>
     return Outcome::kFailed;
 }
 
+/// T[parent<-child] of the edge from a frame to the parent that it has at a stamp, or in its newest
+/// sample: what `lookup` of the two answers. kFailed with kDisconnected: it has no parent then.
+template <View V>
+[[nodiscard]] Outcome lookup_own_edge(const V& view, FrameId child, std::optional<StampNs> stamp,
+                                      const Policy& policy, Answer& answer, Failure& failure) {
+    const Policy newest{PolicyKind::kLatest, kNoLimit};
+    const Policy& how = stamp ? policy : newest;
+    if constexpr (InPlaceView<V>) {
+        QuickLookup<V> quick(view, how, answer);
+        if (quick_policy(how) && quick.edge(child, stamp.value_or(0))) {
+            answer.stamp = stamp.value_or(answer.edges.front().before);
+            return Outcome::kOk;
+        }
+    }
+    if (!detail::check_frame(view, child, 1, failure))
+        return Outcome::kFailed;
+    answer.commit = view.commit();
+    answer.edges.clear();
+    EdgeUse& use = answer.edges.emplace_back();
+    Outcome outcome =
+        edge_pose(view, child, kNoFrame, stamp.value_or(0), how, answer.pose, use, failure);
+    answer.stamp = stamp.value_or(use.before);
+    if (outcome == Outcome::kOk)
+        outcome = detail::check_finite(view, answer.stamp, answer.pose, failure);
+    if (outcome == Outcome::kMismatch) {
+        failure = Failure{};
+        failure.code = ErrorCode::kDisconnected;
+        failure.stamp = stamp.value_or(-1);
+        failure.commit = view.commit();
+        return Outcome::kFailed;
+    }
+    if (outcome == Outcome::kFailed && failure.code == ErrorCode::kInvalidTransform)
+        failure.other = {use.parent, use.parent_generation};
+    return outcome;
+}
+
 /// Appends to `answer.edges` and sets the pose: T[target<-source] at one stamp.
 template <View V>
 [[nodiscard]] Outcome lookup_at(const V& view, FrameId target, FrameId source, StampNs stamp,

@@ -91,6 +91,20 @@ public:
         return geometry::is_finite(answer_.pose);
     }
 
+    /// The edge from a frame to the parent that it has at a stamp; false: not the common case.
+    [[nodiscard]] bool edge(FrameId child, StampNs stamp) {
+        stamp_ = stamp;
+        answer_.edges.clear();
+        Node node;
+        bool moved = false;
+        if (!start(child, node) || !step(node, answer_.pose, moved, answer_.edges, false)) {
+            return false;
+        }
+        answer_.stamp = stamp;
+        answer_.commit = commit_;
+        return geometry::is_finite(answer_.pose);
+    }
+
     /// The latest common time of two different frames; false: not the common case.
     [[nodiscard]] bool common_time(FrameId target, FrameId source, StampNs& stamp) {
         stamp = history::kNoStamp;

@@ -134,15 +134,7 @@ CommitNumber Buffer::clear() {
     store::check_not_in_transaction(*store_);
     const store::Alone alone(*store_);
     StoreCommit commit = store_->start_commit();
-    const StoreView view = store_->view(store_->committed());
-    for (FrameId id = 0; id < store_->frames.count(); ++id) {
-        const history::EdgeSegments<StoreMemory> edge(store_->memory, store_->frames.header(id));
-        if (!view.alive(id) || edge.newest() < 0)
-            continue;
-        if (commit.touch(id))
-            continue;
-        commit.clear(id);
-    }
+    commit.clear_moving([](FrameId) { return false; });
     return commit.publish();
 }
 

@@ -109,6 +109,26 @@ struct FrameInfo {
     std::uint64_t late = 0;  // samples that came out of order, in the newest state
 };
 
+/// All frames of one state in figures, sorted by name. Rows refer to frames by their places.
+struct TreeColumns {
+    static constexpr std::uint32_t kNone = ~std::uint32_t{0};
+    /// As in FrameInfo.
+    struct Row {
+        std::uint32_t parent = kNone;  // among `names`; of a root kNone
+        std::uint32_t authority = 0;   // among `authorities`
+        bool is_static = false;
+        bool cleared = false;
+        std::uint64_t samples = 0;
+        StampNs oldest = -1;
+        StampNs newest = -1;
+        StampNs longest_gap = 0;
+        std::uint64_t late = 0;
+    };
+    std::vector<std::string> names;
+    std::vector<std::string> authorities;  // each once
+    std::vector<Row> rows;                 // one for each name
+};
+
 /// The ends of two walks along edges with data at a stamp: one from the source up to its root or
 /// to the target, and one from the target up to the first one's end.
 struct Reach {
@@ -298,6 +318,14 @@ public:
     /// The same for frames with names, and perhaps handles; it sets the handles.
     void lookup_many(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
                      Policy policy, Layout layout, Missing missing, std::span<double> out) const;
+    /// Rows of T[parent<-frame] of the edge that each frame has at a stamp (none: its newest), all
+    /// from one snapshot: bit for bit the single lookups of frames and their parents there; floats
+    /// are rounded from those. `out` holds 7 numbers for each frame (InvalidArgument); it sets the
+    /// handles. `missing` as of lookup_many, also for frames that do not exist or have no parent
+    /// (Disconnected). `Real`: float or double.
+    template <class Real>
+    void lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stamp, Policy policy,
+                      Missing missing, std::span<Real> out) const;
     /// p_target = T[target<-source](stamp of the point) p_source; strides in elements. One stamp
     /// for each point, or a single one for all. In place is allowed (out == points); `out` that
     /// overlaps the points otherwise, or the stamps, is refused (InvalidArgument).
@@ -323,6 +351,7 @@ public:
     [[nodiscard]] FrameInfo frame_info(std::string_view name) const;
     /// All frames with the parents that they have at `stamp` (none: newest), sorted by name.
     [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp = std::nullopt) const;
+    [[nodiscard]] TreeColumns tree_columns(std::optional<StampNs> stamp = std::nullopt) const;
     [[nodiscard]] Samples samples(std::string_view name) const;
     /// At a stamp, which may be negative; none: the latest common time. At stamp 0 of a static
     /// path, moving edges have their newest parents.

@@ -1,9 +1,12 @@
 // Copies of an edge's samples in plain memory: for infos and dumps.
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "tfdb/lookup/view.hpp"
@@ -91,8 +94,42 @@ template <lookup::View V>
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
-/// Fills in an edge's outline; its parent's name is left out.
-inline void fill_from(const Outline& outline, FrameInfo& info) {
+/// The places of names in their order. Most are told apart by the first bytes behind those that all
+/// have in common.
+[[nodiscard]] inline std::vector<std::uint32_t> order_of(std::span<const std::string> names) {
+    struct Key {
+        std::uint64_t bytes;
+        std::uint32_t place;
+    };
+    std::size_t common = names.empty() ? 0 : names.front().size();
+    for (const std::string& name : names) {
+        const auto end = name.begin() + static_cast<std::ptrdiff_t>(std::min(common, name.size()));
+        const auto apart = std::mismatch(name.begin(), end, names.front().begin()).first;
+        common = static_cast<std::size_t>(apart - name.begin());
+    }
+    std::vector<Key> keys(names.size());
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        keys[i].place = static_cast<std::uint32_t>(i);
+        for (std::size_t k = 0; k < sizeof keys[i].bytes; ++k) {
+            const std::size_t at = common + k;
+            const char byte = at < names[i].size() ? names[i][at] : '\0';
+            keys[i].bytes = keys[i].bytes << 8U | static_cast<unsigned char>(byte);
+        }
+    }
+    std::sort(keys.begin(), keys.end(), [&](const Key& a, const Key& b) {
+        return a.bytes != b.bytes ? a.bytes < b.bytes : names[a.place] < names[b.place];
+    });
+    std::vector<std::uint32_t> order;
+    order.reserve(keys.size());
+    for (const Key& key : keys)
+        order.push_back(key.place);
+    return order;
+}
+
+/// Fills in an edge's outline; its parent's name is left out. `Info`: FrameInfo or a row of
+/// TreeColumns.
+template <class Info>
+void fill_from(const Outline& outline, Info& info) {
     info.is_static = outline.is_static;
     info.cleared = outline.cleared;
     info.samples = outline.extent.samples;

@@ -52,6 +52,7 @@ public:
     virtual void write(std::span<const TransformView> batch, bool is_static,
                        std::string_view authority) = 0;
     virtual void remove_frames(std::span<const std::string_view> names, bool recursive) = 0;
+    virtual void clear() = 0;
 
     /// Ends it. Throws Conflict, CycleError, CapacityExceeded.
     virtual CommitNumber commit() = 0;

@@ -1,5 +1,7 @@
 // Looking at frames and their samples.
 #include <algorithm>
+#include <unordered_map>
+#include <utility>
 
 #include "tfdb/store/collect.hpp"
 #include "tfdb/store/nearest.hpp"
@@ -152,6 +154,90 @@ Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& 
     return outcome;
 }
 
+/// All frames of a state on their way to TreeColumns.
+/// Threads: one. Guarantee: each attempt to read starts anew.
+class Listing {
+public:
+    explicit Listing(const store::Store& store) : store_(store) {}
+
+    Outcome read(const StoreView& view, std::optional<StampNs> stamp) {
+        const std::uint32_t count = view.frame_count();
+        all_ = TreeColumns{};
+        all_.names.reserve(count);
+        all_.rows.reserve(count);
+        ids_.clear();
+        authorities_.clear();
+        std::vector<FrameId> parents;
+        const Outcome found = stamp ? all_parents(view, *stamp, parents) : Outcome::kOk;
+        const Outcome listed = for_each_frame(view, [&](FrameId id) {
+            TreeColumns::Row row;
+            const Outcome outcome = look_at(view, id, row);
+            if (outcome != Outcome::kOk)
+                return outcome;
+            if (stamp)
+                row.parent = id < parents.size() ? parents[id] : FrameId{kNoFrame};
+            ids_.push_back(id);
+            all_.rows.push_back(row);
+            const bool alive = read_name(store_, view, id, all_.names.emplace_back());
+            return alive ? Outcome::kOk : Outcome::kLapped;
+        });
+        return found == Outcome::kOk ? listed : found;
+    }
+
+    /// Sorted by name, with places for parents.
+    [[nodiscard]] TreeColumns sorted() {
+        const std::vector<std::uint32_t> order = store::order_of(all_.names);
+        std::vector<std::uint32_t> places;  // by id
+        TreeColumns sorted;
+        sorted.authorities = std::move(all_.authorities);
+        sorted.names.reserve(order.size());
+        sorted.rows.reserve(order.size());
+        for (const std::uint32_t from : order) {
+            if (places.size() <= ids_[from])
+                places.resize(ids_.back() + std::size_t{1}, TreeColumns::kNone);
+            places[ids_[from]] = static_cast<std::uint32_t>(sorted.rows.size());
+            sorted.names.push_back(std::move(all_.names[from]));
+            sorted.rows.push_back(all_.rows[from]);
+        }
+        for (TreeColumns::Row& row : sorted.rows)
+            row.parent = row.parent < places.size() ? places[row.parent] : TreeColumns::kNone;
+        return sorted;
+    }
+
+private:
+    /// All but the name; the parent is an id, or kNoFrame.
+    Outcome look_at(const StoreView& view, FrameId id, TreeColumns::Row& row) {
+        store::Outline outline;
+        const Outcome outcome = store::outline(view, id, outline);
+        if (outcome != Outcome::kOk)
+            return outcome;
+        store::fill_from(outline, row);
+        row.late = store_.frames.word(id, history::kLate).load_relaxed();
+        row.authority = authority(id);
+        row.parent = kNoFrame;
+        if (outline.parent == kNoFrame)
+            return Outcome::kOk;
+        if (view.alive_since(outline.parent, outline.named))
+            row.parent = outline.parent;
+        else if (may_be_reused(store_, view))
+            return Outcome::kLapped;
+        return Outcome::kOk;
+    }
+    std::uint32_t authority(FrameId id) {
+        const std::uint64_t number = store_.frames.word(id, history::kAuthority).load_acquire();
+        const auto next = static_cast<std::uint32_t>(all_.authorities.size());
+        const auto [known, is_new] = authorities_.try_emplace(number, next);
+        if (is_new)
+            all_.authorities.push_back(store_.author(id));
+        return known->second;
+    }
+
+    const store::Store& store_;
+    TreeColumns all_;                                               // in the order of ids
+    std::vector<FrameId> ids_;                                      // of its rows, ascending
+    std::unordered_map<std::uint64_t, std::uint32_t> authorities_;  // places, by number
+};
+
 }  // namespace
 
 std::vector<std::string> Reads::frames() const {
@@ -164,8 +250,11 @@ std::vector<std::string> Reads::frames() const {
         });
         return store::unless_reused(*store_, view.commit(), all);
     });
-    std::sort(names.begin(), names.end());
-    return names;
+    std::vector<std::string> sorted;
+    sorted.reserve(names.size());
+    for (const std::uint32_t place : store::order_of(names))
+        sorted.push_back(std::move(names[place]));
+    return sorted;
 }
 
 FrameInfo Reads::frame_info(std::string_view name) const {
@@ -177,27 +266,33 @@ FrameInfo Reads::frame_info(std::string_view name) const {
 }
 
 std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
-    std::vector<FrameInfo> infos;
-    (void)store::read(*store_, held_, [&](const StoreView& view) {
-        infos.clear();
-        std::vector<FrameId> parents;
-        const Outcome found = stamp ? all_parents(view, *stamp, parents) : Outcome::kOk;
-        const Outcome all = for_each_frame(view, [&](FrameId id) {
-            FrameInfo& info = infos.emplace_back();
-            const Outcome filled = fill_info(*store_, view, id, info);
-            if (filled != Outcome::kOk || !stamp)
-                return filled;
-            info.parent.reset();
-            const FrameId parent = id < parents.size() ? parents[id] : kNoFrame;
-            const bool named =
-                parent == kNoFrame || read_name(*store_, view, parent, info.parent.emplace());
-            return named ? Outcome::kOk : Outcome::kLapped;
-        });
-        return store::unless_reused(*store_, view.commit(), found == Outcome::kOk ? all : found);
-    });
-    std::sort(infos.begin(), infos.end(),
-              [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });
+    const TreeColumns all = tree_columns(stamp);
+    std::vector<FrameInfo> infos(all.rows.size());
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+        const TreeColumns::Row& row = all.rows[i];
+        FrameInfo& info = infos[i];
+        info.name = all.names[i];
+        if (row.parent != TreeColumns::kNone)
+            info.parent = all.names[row.parent];
+        info.is_static = row.is_static;
+        info.samples = row.samples;
+        info.oldest = row.oldest;
+        info.newest = row.newest;
+        info.longest_gap = row.longest_gap;
+        info.cleared = row.cleared;
+        info.authority = all.authorities[row.authority];
+        info.late = row.late;
+    }
     return infos;
+}
+
+TreeColumns Reads::tree_columns(std::optional<StampNs> stamp) const {
+    Listing listing(*store_);
+    (void)store::read(*store_, held_, [&](const StoreView& view) {
+        const Outcome outcome = listing.read(view, stamp);
+        return store::unless_reused(*store_, view.commit(), outcome);
+    });
+    return listing.sorted();
 }
 
 Samples Reads::samples(std::string_view name) const {

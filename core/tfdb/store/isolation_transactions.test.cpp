@@ -137,6 +137,50 @@ Outcome phantom_reparent(const Case& c) {
         });
 }
 
+/// A clear and a new sample in one commit: what was read is gone.
+Outcome phantom_clear(const Case& c) {
+    Buffer buffer(options_of(c.engine));
+    prepare(buffer, 15, 0, 50);
+    return phantom(
+        c, buffer, [&](Transaction& tx) { return read(tx, c.direction, "x"); },
+        [&](Transaction& tx, int mark) {
+            tx.clear();
+            put(tx, "map", "x", 10, mark);
+            put(tx, "map", "mark", 10, mark);
+        });
+}
+
+// -- a clear that has read nothing comes after what others commit meanwhile
+
+/// The newest x after a clear and a new sample, beside somebody else's newer one. A clear writes
+/// every moving edge blindly: neither loses.
+int blind_clear(const Case& c) {
+    Buffer buffer(options_of(c.engine));
+    prepare(buffer, 1, 2, 0);
+    Meeting begun(c.engine);
+    Meeting changed(c.engine);
+    int attempts = 0;
+    side_by_side({[&] {
+                      attempts = until_committed(buffer, [&](Transaction& tx, bool first) {
+                          tx.clear();
+                          put(tx, "map", "x", 5, 7);
+                          if (first)
+                              begun.arrive();
+                          changed.wait_for(1);
+                      });
+                  },
+                  [&] {
+                      begun.wait_for(1);
+                      set(buffer, "map", "x", 30, pose_of(30));
+                      changed.arrive();
+                  }});
+    const bool snapshots = c.engine == Concurrency::kSnapshot;
+    CHECK(!snapshots || attempts == 0);
+    CHECK(!snapshots || buffer.samples("x").stamps == std::vector<StampNs>{5});
+    CHECK(buffer.samples("y").stamps.empty());
+    return whole(newest(buffer, c.direction, "map", "x"));
+}
+
 /// One after the other: the first saw what was there (15) or what the second made of 50; the second
 /// saw 50 or what the first made of 15.
 void one_after_the_other(const Outcome& outcome) {
@@ -241,6 +285,17 @@ TFDB_TEST(isolation_phantom_sample) {
     shown_by_fine([](const Case& c) {
         const Outcome outcome = phantom_sample(c);
         return outcome.mark == 15 && outcome.change == 50;
+    });
+}
+
+TFDB_TEST(isolation_phantom_clear) {
+    in_every_case([](const Case& c) { one_after_the_other(phantom_clear(c)); });
+}
+
+TFDB_TEST(isolation_blind_clear) {
+    in_every_case([](const Case& c) {
+        const int seen = blind_clear(c);
+        CHECK(seen == 7 || (seen == 30 && c.engine != Concurrency::kSnapshot));
     });
 }
 

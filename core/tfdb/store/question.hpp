@@ -37,15 +37,16 @@ struct Question {
         kCommonTime,  // the newest stamp at which the path has data
         kCovered,     // ... and the oldest one
         kEdge,        // kAt where the edge from `source` to its parent `target` is all of the path
+        kOwnEdge,  // kEdge to the parent that `source` has at `stamp`, none: in its newest sample
     };
     Kind kind = kAt;
     FrameRef target{};
     FrameRef source{};
-    FrameRef fixed{};  // kFull
-    std::optional<StampNs>
-        stamp{};  // kAt, kCan, kFull, kEdge (needed); kCommonTime: how new a wait wants it
+    FrameRef fixed{};                // kFull
+    std::optional<StampNs> stamp{};  // kAt, kCan, kFull, kEdge (needed), kOwnEdge; kCommonTime: how
+                                     // new a wait wants it
     std::optional<StampNs> source_stamp{};  // kFull
-    Policy policy{};                        // kAt, kCan, kFull, kEdge
+    Policy policy{};                        // kAt, kCan, kFull, kEdge, kOwnEdge
     std::optional<StampNs> max_age{};       // kLatest
     StampNs now = 0;                        // kLatest
 };
@@ -72,6 +73,13 @@ namespace store {
         question.stamp.emplace(*stamp);
     question.policy.kind = policy.kind;
     question.policy.limit = policy.limit;
+    return question;
+}
+/// Of the edges of frames, one after another: `source` comes later.
+[[nodiscard]] inline Question of_edges(std::optional<StampNs> stamp, const Policy& policy) {
+    Question question{.kind = Question::kOwnEdge};
+    question.stamp = stamp;
+    question.policy = policy;
     return question;
 }
 /// For a wait: until the newest stamp at which the path has data is `stamp` or newer.

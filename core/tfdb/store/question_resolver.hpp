@@ -65,6 +65,8 @@ private:
             case Question::kEdge:
                 return lookup::lookup_edge(view_, target, source, q.stamp.value_or(0), q.policy,
                                            answer, failure);
+            case Question::kOwnEdge:
+                return lookup::lookup_own_edge(view_, source, q.stamp, q.policy, answer, failure);
             case Question::kAt:
                 break;
         }

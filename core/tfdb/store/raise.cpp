@@ -68,6 +68,15 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
            span_of(f) + ")" + store::likely_meant(f.stamp, f.oldest, f.newest);
 }
 
+/// Of one frame's edge: it is a root at the stamp.
+[[noreturn]] void raise_no_parent(Context& c) {
+    c.detail.frame = c.source;
+    c.detail.frames = {std::string(c.source)};
+    const std::string message = "frame " + quoted(c.source) + " has no parent" + c.at() +
+                                ": it is a root and has no edge to look up";
+    throw Disconnected(message, std::move(c.detail));
+}
+
 [[noreturn]] void raise_disconnected(Context& c, const std::string& child,
                                      const std::string& parent) {
     c.detail.frames = {c.frame, c.other};
@@ -170,6 +179,10 @@ void store::raise_failure(const Failure& failure, const Question& question,
                           const NameOfHandle& name, const std::string& hint) {
     using lookup::Half;
     Context c{failure, question.target.name, question.source.name, {}, {}, {}, {}};
+    const bool own_edge = question.kind == Question::kOwnEdge;
+    const std::string parent = own_edge ? name(failure.other) : std::string();
+    if (own_edge)
+        c.target = parent;
     c.detail.target = c.target;
     c.detail.source = c.source;
     if (failure.half != Half::kWhole) {
@@ -187,7 +200,10 @@ void store::raise_failure(const Failure& failure, const Question& question,
         c.detail.limit = known(failure.limit);
     c.detail.commit = failure.commit;
     if (failure.code == ErrorCode::kUnknownFrame)
-        raise_unknown(c, question, hint);
+        own_edge ? throw_unknown_frame(c.source, failure.commit, hint)
+                 : raise_unknown(c, question, hint);
+    if (failure.code == ErrorCode::kDisconnected && own_edge)
+        raise_no_parent(c);
     if (failure.code == ErrorCode::kDisconnected)
         raise_disconnected(c, name(failure.edge), name(failure.parent));
     if (failure.code == ErrorCode::kInvalidTransform)

@@ -68,16 +68,50 @@ void check_points(const Real* points, std::size_t stride, std::size_t count,
     }
 }
 
+/// Between so many edges a long batch may end.
+inline constexpr std::size_t kEdgesBetweenEnds = 256;
+
+/// Throws InvalidArgument if `out` has no room for a row of each frame.
+template <class Real>
+void check_room(std::span<const FrameRef> frames, std::span<Real> out) {
+    const std::size_t needed = 7 * frames.size();
+    if (out.size() < needed) {
+        throw InvalidArgument("lookup_edges needs room for " + std::to_string(needed) +
+                              " numbers, not " + std::to_string(out.size()));
+    }
+}
+
+/// Throws the typed error of a failed question of a batch, with its index.
+template <class Asked>
+[[noreturn]] void raise_at(const Asked& asked, const Failure& failure, const Question& question,
+                           std::size_t index) {
+    try {
+        asked.raise(failure, question);
+    } catch (Error& error) {
+        error.detail().index = index;
+        throw;
+    }
+}
+
+/// One row of 7; NaN without a pose.
+template <class Real>
+void write_row(const Pose* pose, Real* row) {
+    if (pose == nullptr) {
+        std::fill_n(row, 7, std::numeric_limits<Real>::quiet_NaN());
+        return;
+    }
+    const auto put = [](double number) { return static_cast<Real>(number); };
+    std::transform(&pose->translation.x, &pose->translation.x + 3, row, put);
+    std::transform(&pose->rotation.x, &pose->rotation.x + 4, row + 3, put);
+}
+
 /// One row; NaN without a pose.
 inline void write_row(const Pose* pose, Layout layout, double* row) {
+    if (layout == Layout::kPose)
+        return write_row(pose, row);
     std::fill_n(row, row_width(layout), std::numeric_limits<double>::quiet_NaN());
     if (pose == nullptr)
         return;
-    if (layout == Layout::kPose) {
-        std::copy_n(&pose->translation.x, 3, row);
-        std::copy_n(&pose->rotation.x, 4, row + 3);
-        return;
-    }
     const geometry::MatrixOf<double> turn = geometry::matrix(pose->rotation);
     for (int i = 0; i < 3; ++i)
         std::copy_n(turn.m + 3 * i, 3, row + 4 * i);

@@ -125,6 +125,49 @@ void check_batches(From& from, const Question& q, const Singles& singles) {
     }
 }
 
+/// All frames' edges at one stamp, or at their newest ones, as the lookups of frames and parents
+/// say.
+template <class From>
+void check_edges(const From& from, std::span<const std::optional<std::string>> parents,
+                 std::optional<StampNs> stamp, Policy policy) {
+    std::vector<double> expected;
+    std::optional<std::size_t> refused;
+    std::vector<FrameRef> frames;
+    Answer answer;
+    Failure failure;
+    for (std::size_t i = 0; i < kNames.size(); ++i) {
+        frames.push_back({.name = kNames[i]});
+        tfdb::Question one = store::at_stamp(parents[i].value_or(""), kNames[i], stamp, policy);
+        bool found = parents[i] && from.ask(one, answer, failure);
+        // Where the choices of a policy run in a circle, a walk may go the other way round, or
+        // nowhere; the edge by itself has an answer.
+        const bool astray = found ? answer.edges.size() != 1 || answer.edges.front().inverted
+                                  : failure.code == ErrorCode::kDisconnected;
+        one.kind = tfdb::Question::kEdge;
+        if (parents[i] && stamp && astray)
+            found = from.ask(one, answer, failure) && geometry::is_finite(answer.pose);
+        if (!found && !refused)
+            refused = i;
+        expected.resize(7 * frames.size());
+        store::write_row(found ? &answer.pose : nullptr, &expected[7 * i]);
+    }
+    std::vector<double> rows(expected.size());
+    std::vector<float> floats(expected.size());
+    for (int again = 0; again < 2; ++again) {  // by names, then by handles
+        from.lookup_edges(std::span(frames), stamp, policy, Missing::kNan, std::span(rows));
+        CHECK(same_bits(rows, expected));
+    }
+    from.lookup_edges(std::span(frames), stamp, policy, Missing::kNan, std::span(floats));
+    for (std::size_t i = 0; i < rows.size(); ++i)
+        CHECK(floats[i] == static_cast<float>(rows[i]) || std::isnan(rows[i]));
+    try {
+        from.lookup_edges(std::span(frames), stamp, policy, Missing::kThrow, std::span(rows));
+        CHECK(!refused);
+    } catch (const Error& error) {
+        CHECK(refused && error.detail().index == *refused);
+    }
+}
+
 /// Whether there is an answer, and why there is none; also at the latest common time.
 void check_whether(const Reads& reads, const Question& q, const Singles& singles) {
     Answer answer;
@@ -219,6 +262,9 @@ public:
         check_points(snapshot, q, singles);
         Transaction transaction(buffer_, {});
         check_batches(transaction, q, singles);
+        for (const auto& stamp :
+             {std::optional<StampNs>(q.stamps.front()), std::optional<StampNs>()})
+            ask_edges(snapshot, transaction, stamp, q.policy);
         transaction.abort();
         add_to(tally, singles);
     }
@@ -402,6 +448,26 @@ private:
         if (below(2) == 0)
             std::sort(q.stamps.begin(), q.stamps.end());
         return q;
+    }
+
+    /// The parents are those of the walk: the choice of a policy may differ from `parent_of`.
+    void ask_edges(const Snapshot& snapshot, const Transaction& transaction,
+                   std::optional<StampNs> stamp, Policy policy) const {
+        std::vector<std::optional<std::string>> parents;
+        Answer answer;
+        Failure failure;
+        for (const std::string_view name : kNames) {
+            tfdb::Question own = store::of_edges(stamp, policy);
+            own.source.name = name;
+            parents.emplace_back();
+            if (!snapshot.ask(own, answer, failure))
+                continue;
+            const EdgeUse& use = answer.edges.front();
+            parents.back() = snapshot.frame_name(use.parent, use.parent_generation);
+        }
+        check_edges(snapshot, parents, stamp, policy);
+        check_edges(static_cast<const Reads&>(buffer_), parents, stamp, policy);
+        check_edges(transaction, parents, stamp, policy);
     }
 
     static void add_to(Tally& tally, const Singles& singles) {

@@ -1,6 +1,8 @@
 // The calls of a transaction. TransactionLife checks thread and stage, the engine answers.
 #include "tfdb/store/transaction.hpp"
 
+#include <unordered_map>
+
 #include "tfdb/store/engine_transaction.hpp"
 #include "tfdb/store/raise.hpp"
 #include "tfdb/store/rows.hpp"
@@ -81,6 +83,27 @@ std::vector<FrameInfo> Transaction::tree(std::optional<StampNs> stamp) {
     return life_->call([&](auto& own) { return own.tree(stamp); });
 }
 
+TreeColumns Transaction::tree_columns(std::optional<StampNs> stamp) {
+    const std::vector<FrameInfo> infos = tree(stamp);
+    TreeColumns columns;
+    std::unordered_map<std::string_view, std::uint32_t> places;
+    std::unordered_map<std::string_view, std::uint32_t> authorities;
+    for (const FrameInfo& info : infos)
+        places.emplace(info.name, static_cast<std::uint32_t>(places.size()));
+    for (const FrameInfo& info : infos) {
+        const auto next = static_cast<std::uint32_t>(authorities.size());
+        const auto [authority, added] = authorities.emplace(info.authority, next);
+        if (added)
+            columns.authorities.push_back(info.authority);
+        const auto parent = info.parent ? places.find(*info.parent) : places.end();
+        columns.names.push_back(info.name);
+        columns.rows.push_back({parent == places.end() ? TreeColumns::kNone : parent->second,
+                                authority->second, info.is_static, info.cleared, info.samples,
+                                info.oldest, info.newest, info.longest_gap, info.late});
+    }
+    return columns;
+}
+
 Samples Transaction::samples(std::string_view name) {
     return life_->call([&](auto& own) { return own.samples(name); });
 }
@@ -108,6 +131,10 @@ void Transaction::set_transforms(std::span<const TransformView> batch, bool is_s
 
 void Transaction::remove_frames(std::span<const std::string_view> names, bool recursive) {
     life_->call([&](auto& own) { own.remove_frames(names, recursive); });
+}
+
+void Transaction::clear() {
+    life_->call([](auto& own) { own.clear(); });
 }
 
 void Transaction::reparent(std::string_view child, std::string_view parent,
@@ -174,18 +201,36 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
             may_end();
         question.stamp = stamps[i];
         const bool found = ask(question, answer, failure);
-        if (!found && missing == Missing::kThrow) {
-            try {
-                raise(failure, question);
-            } catch (Error& error) {
-                error.detail().index = i;
-                throw;
-            }
-        }
+        if (!found && missing == Missing::kThrow)
+            store::raise_at(*this, failure, question, i);
         store::write_row(found ? &answer.pose : nullptr, layout,
                          out.data() + store::row_width(layout) * i);
     }
 }
+
+template <class Real>
+void Transaction::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stamp,
+                               Policy policy, Missing missing, std::span<Real> out) const {
+    life_->check();
+    store::check_room(frames, out);
+    Answer answer;
+    Failure failure;
+    Question question = store::of_edges(stamp, policy);
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+        if (i % store::kEdgesBetweenEnds == 0)
+            may_end();
+        question.source = frames[i];
+        const bool found = ask(question, answer, failure);
+        if (!found && missing == Missing::kThrow)
+            store::raise_at(*this, failure, question, i);
+        store::write_row(found ? &answer.pose : nullptr, out.data() + 7 * i);
+    }
+}
+
+template void Transaction::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy,
+                                        Missing, std::span<float>) const;
+template void Transaction::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy,
+                                        Missing, std::span<double>) const;
 
 template <class Real>
 void Transaction::transform_points(std::string_view target, std::string_view source,

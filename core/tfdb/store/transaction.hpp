@@ -65,6 +65,9 @@ public:
                      std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
                      std::span<double> out);
     /// As in Reads.
+    template <class Real>
+    void lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stamp, Policy policy,
+                      Missing missing, std::span<Real> out) const;
     [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
                                                        std::optional<StampNs> stamp = std::nullopt);
     [[nodiscard]] bool has_frame(std::string_view name);
@@ -83,6 +86,7 @@ public:
     [[nodiscard]] std::vector<std::string> frames();
     [[nodiscard]] FrameInfo frame_info(std::string_view name);
     [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp = std::nullopt);
+    [[nodiscard]] TreeColumns tree_columns(std::optional<StampNs> stamp = std::nullopt);
     [[nodiscard]] Samples samples(std::string_view name);
     /// Throws the typed error of a failed question.
     [[noreturn]] void raise(const Failure& failure, const Question& question) const;
@@ -98,6 +102,9 @@ public:
     void remove_frame(std::string_view name, bool recursive) {
         remove_frames({&name, 1}, recursive);
     }
+    /// As Buffer::clear, at the commit: of the moving samples that the store has then, and of those
+    /// that this transaction has written so far. What it writes afterwards is stored.
+    void clear();
     /// Gives `child` another parent from `stamp` on (none: a static edge). Without a pose it stays
     /// where it is: T[parent<-child] at the stamp, as this transaction sees it.
     /// Throws what the lookup or set_transforms throws.

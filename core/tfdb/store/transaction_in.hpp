@@ -183,6 +183,8 @@ public:
             this->writes().remove(frame);
     }
 
+    void clear() override { this->writes().clear_moving(); }
+
     CommitNumber commit() override {
         const txn::CommitOutcome outcome =
             txn::commit_transaction(this->session(), this->reads(), this->writes(), store_);

@@ -26,7 +26,7 @@ struct Shape {
 };
 
 struct Step {
-    enum Kind { kWrite, kRemove, kReparent, kAsk, kLatest, kCommon, kHas };
+    enum Kind { kWrite, kRemove, kReparent, kClear, kAsk, kLatest, kCommon, kHas };
     struct Member {
         std::string parent;
         std::string child;
@@ -152,6 +152,8 @@ std::string run(Store& store, const Step& step) {
             store.remove_frame(step.target, step.flag);
         } else if (step.kind == Step::kReparent) {
             reparent(store, step);
+        } else if (step.kind == Step::kClear) {
+            (void)store.clear();
         } else {
             std::vector<TransformView> batch;
             for (const auto& m : step.batch)
@@ -165,6 +167,8 @@ std::string run(Store& store, const Step& step) {
     }
     return "done";
 }
+
+constexpr double kClears = 0.04;  // share of a transaction's steps
 
 class Driver {
 public:
@@ -249,6 +253,11 @@ private:
     Step any() {
         if (chance(shape_.removals))
             return removing();
+        if (chance(kClears)) {
+            Step step;
+            step.kind = Step::kClear;
+            return step;
+        }
         if (chance(0.4))
             return writing();
         Step step = asking();

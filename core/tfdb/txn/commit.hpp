@@ -227,6 +227,19 @@ public:
         frames_.refresh_hint(child);
     }
 
+    /// The same for all edges that move, but those of frames for which `skip(id)` is true; before
+    /// anything is written to them.
+    template <class Skip>
+    void clear_moving(Skip skip) {
+        const SnapshotView<Memory> before(frames_, context_.committed, context_.history);
+        for (FrameId id = 0; id < frames_.count(); ++id) {
+            if (!before.alive(id) || writer(id).newest() < 0 || skip(id))
+                continue;
+            (void)touch(id);
+            clear(id);
+        }
+    }
+
     /// How many samples of an edge came out of order; `touch(child)` came before.
     void set_late(FrameId child, std::uint64_t samples) {
         writer(child).set_late(context_, samples);

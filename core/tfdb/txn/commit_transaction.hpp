@@ -30,7 +30,8 @@ struct CommitOutcome {
     std::uint32_t authority = 0;
 };
 
-/// Puts a WriteSet into a commit: removals, new frames, then each edge's samples in stamp order.
+/// Puts a WriteSet into a commit: a clear, removals, new frames, then each edge's samples in stamp
+/// order.
 /// Threads: as Commit. Guarantee: as Commit: what throws leaves the rest to its destructor.
 template <class Memory>
 class ApplyWrites {
@@ -43,6 +44,8 @@ public:
         : commit_(commit), writes_(writes), authors_(authors), ids_(writes.made(), kNoFrame) {}
 
     void apply() {
+        if (writes_.cleared())
+            commit_.clear_moving([this](FrameId id) { return writes_.is_removed(id); });
         for (const FrameId id : writes_.removed()) {
             if (!writes_.is_own(id))
                 commit_.remove(id);
@@ -131,7 +134,8 @@ template <class Memory>
             continue;
         const history::EdgeSegments<Memory> writer(frames.memory(), frames.header(edge.child));
         const bool is_static = writer.is_static();
-        if (writer.has_samples() && is_static != edge.is_static)
+        const bool goes = writes.cleared() && !is_static;
+        if (writer.has_samples() && !goes && is_static != edge.is_static)
             return {ReadConflict::kEdge, edge.child, {}, {history::Change::kStatic, -1}};
     }
     return {};

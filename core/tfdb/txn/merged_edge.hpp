@@ -27,10 +27,12 @@ public:
     using Own = typename WriteSet<Memory>::Edge;
     using Reads = typename Base::Reads;
 
-    /// `reads` null: nothing is noted. False: overtaken.
+    /// `reads` null: nothing is noted. `cleared`: moving samples of the store are no more. False:
+    /// overtaken.
     [[nodiscard]] bool open(const typename Base::Below& below, FrameId id, const Own* own,
-                            bool is_own_frame, clock::StampNs history, Reads* reads) {
+                            bool is_own_frame, bool cleared, clock::StampNs history, Reads* reads) {
         own_ = own;
+        was_cleared_ = false;
         reads_ = is_own_frame ? nullptr : reads;
         has_base_ = !is_own_frame;
         if (has_base_) {
@@ -42,6 +44,8 @@ public:
                 reads_->note_edge(place_);
             }
         }
+        if (cleared && has_base_ && !base_.is_static() && !pass_base())
+            return false;
         if (own_ != nullptr && !own_->is_static)
             cutoff_ = peek_newest().stamp - history;
         return true;
@@ -126,7 +130,9 @@ public:
     }
 
     /// It had samples of others, and has none since a clear.
-    [[nodiscard]] bool cleared() const { return own_ == nullptr && has_base_ && base_.cleared(); }
+    [[nodiscard]] bool cleared() const {
+        return own_ == nullptr && (was_cleared_ || (has_base_ && base_.cleared()));
+    }
     /// Calls visit(sample) for the sample of a moving edge at or before `from`, for all up to `to`
     /// and for the one after it, until `visit` returns false.
     template <class Visit>
@@ -189,6 +195,19 @@ private:
     static constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();
     static constexpr StampNs kDusk = std::numeric_limits<StampNs>::max();
 
+    /// Goes on as if the store had no samples of the edge: the commit will clear what moving ones
+    /// there are then. Only a static pose would show. False: overtaken.
+    [[nodiscard]] bool pass_base() {
+        was_cleared_ = base_.cleared() || !base_.empty();
+        if (!base_.confirm())
+            return false;
+        if (reads_ != nullptr)
+            reads_->note_range(place_, {history::kStaticStamp, history::kStaticStamp});
+        has_base_ = false;
+        reads_ = nullptr;
+        return true;
+    }
+
     [[nodiscard]] static bool is_own(const SampleAt& at) { return at.slot == kOwn; }
     [[nodiscard]] static SampleAt at_own(const OwnSample& sample) { return {kOwn, sample.stamp}; }
     [[nodiscard]] const OwnSample& sample(const SampleAt& at) const { return *after(at.stamp - 1); }
@@ -246,6 +265,7 @@ private:
     Reads* reads_ = nullptr;
     std::size_t place_ = 0;
     bool has_base_ = false;
+    bool was_cleared_ = false;  // the store has samples of the edge that this transaction cleared
     StampNs cutoff_ = std::numeric_limits<StampNs>::min();
 };
 

@@ -40,7 +40,8 @@ public:
         : below_(below), names_(names), history_(history), writes_(&writes), reads_(reads) {}
 
     [[nodiscard]] bool open(FrameId id, Edge& edge) const {
-        return edge.open(below_, id, writes_->edge(id), writes_->is_own(id), history_, reads_);
+        return edge.open(below_, id, writes_->edge(id), writes_->is_own(id), writes_->cleared(),
+                         history_, reads_);
     }
     /// A hint. Where the transaction gives a frame several parents, the samples must be asked.
     [[nodiscard]] std::uint64_t topology(FrameId id) const {

@@ -107,8 +107,8 @@ public:
     /// `look_at` came before, for a frame that the transaction has not made itself.
     void put(FrameId child, const typename Writes::Sample& sample) {
         using history::Topology;
-        const std::uint64_t known =
-            writes_->is_own(child) ? Topology::kRoot : frames_.topology(child);
+        const bool bare = writes_->is_own(child) || writes_->cleared();
+        const std::uint64_t known = bare ? Topology::kRoot : frames_.topology(child);
         writes_->put(child, sample, Topology::parent(known),
                      Topology::depth(view().topology(sample.parent)));
     }
@@ -145,7 +145,7 @@ public:
             if (writes_->is_removed(child) || outcome != Outcome::kOk)
                 return true;
             FrameId parent = id;
-            if (writes_->edge(child) != nullptr)
+            if (writes_->edge(child) != nullptr || writes_->cleared())
                 outcome = newest_parent(child, parent);
             return parent != id;
         });

@@ -108,6 +108,7 @@ public:
         names_.clear();
         removed_.clear();
         authorities_.clear();
+        cleared_ = false;
     }
     /// Whether it is worth to be kept for the next transaction.
     [[nodiscard]] bool is_small() const {
@@ -115,7 +116,9 @@ public:
                names_.bucket_count() <= kMostKept && removed_.bucket_count() <= kMostKept;
     }
 
-    [[nodiscard]] bool empty() const { return written_ == 0 && made_.empty() && removed_.empty(); }
+    [[nodiscard]] bool empty() const {
+        return written_ == 0 && made_.empty() && removed_.empty() && !cleared_;
+    }
 
     [[nodiscard]] bool is_own(FrameId id) const {
         return id < kNoFrame && place_of(id) < made_.size();
@@ -151,12 +154,21 @@ public:
         if (is_own(id))
             names_.erase(made_[place_of(id)]);
         const std::uint32_t place = places_.find(id);
-        if (place == FramePlaces::kNone)
-            return;
-        edges_[place].samples.clear();
-        edges_[place].child = kNoFrame;
-        places_.set(id, FramePlaces::kNone);
+        if (place != FramePlaces::kNone)
+            drop(edges_[place]);
     }
+
+    /// All moving samples are no more, those of the store and those written so far.
+    void clear_moving() {
+        cleared_ = true;
+        for (Edge& edge : std::span(edges_).first(written_)) {
+            if (edge.child != kNoFrame && !edge.is_static)
+                drop(edge);
+        }
+        std::erase_if(naming_, [this](const Naming& n) { return edge(n.second) == nullptr; });
+    }
+    /// Whether the store's moving samples are no more.
+    [[nodiscard]] bool cleared() const { return cleared_; }
 
     /// The edge as written by this transaction, null if it was not.
     [[nodiscard]] const Edge* edge(FrameId child) const {
@@ -203,7 +215,8 @@ public:
         return authority_name(edge.authority);
     }
 
-    /// In the order of their first samples; `child` is kNoFrame where the frame was removed since.
+    /// In the order of their first samples; `child` is kNoFrame where the frame was removed since,
+    /// or its samples were cleared.
     [[nodiscard]] std::span<const Edge> edges() const { return {edges_.data(), written_}; }
     [[nodiscard]] std::size_t made() const { return made_.size(); }
     [[nodiscard]] const std::unordered_set<FrameId>& removed() const { return removed_; }
@@ -217,6 +230,12 @@ private:
     /// A parent, and the child of which a sample names it.
     using Naming = std::pair<FrameId, FrameId>;
 
+    void drop(Edge& edge) {
+        places_.set(edge.child, FramePlaces::kNone);
+        most_samples_ = std::max(most_samples_, edge.samples.size());
+        edge.samples.clear();
+        edge.child = kNoFrame;
+    }
     std::uint32_t add_edge(FrameId child) {
         if (written_ == edges_.size())
             edges_.emplace_back();
@@ -237,6 +256,7 @@ private:
     std::unordered_map<std::string, FrameId> names_;
     std::unordered_set<FrameId> removed_;
     std::vector<std::string> authorities_;
+    bool cleared_ = false;
 };
 
 }  // namespace tfdb::txn

@@ -41,6 +41,7 @@ __all__ = [
     "RefusedEdge",
     "Shared",
     "TransformStamped",
+    "TreeColumns",
     "Twist",
 ]
 
@@ -467,13 +468,51 @@ class FrameInfo:
     longest_gap: int = 0
     """Longest time between two neighbouring samples, nanoseconds."""
     cleared: bool = False
-    """Whether `Buffer.clear` dropped its samples and no sample came since."""
+    """Whether `clear` dropped its samples and no sample came since."""
 
     def _repr_html_(self) -> str:
         """Write a table for notebooks."""
         from .notebooks import of_frame  # noqa: PLC0415 - needed by few
 
         return of_frame(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TreeColumns:
+    """The facts of N frames and their edges T[parent<-name] as columns, sorted by name.
+
+    From `Buffer.tree_columns`. Each value is that of the frame's `FrameInfo`.
+    """
+
+    names: tuple[str, ...]
+    """The frames."""
+    parents: tuple[str | None, ...]
+    """Their parents; None for a root."""
+    is_static: npt.NDArray[np.bool_]
+    """Whether the edge is static, shape (N,) as all arrays here."""
+    samples: npt.NDArray[np.int64]
+    """Retained samples; 1 for a static edge."""
+    oldest: npt.NDArray[np.int64]
+    """First retained stamp, nanoseconds; -1 if the frame does not move."""
+    newest: npt.NDArray[np.int64]
+    """Last stamp, nanoseconds; -1 if the frame does not move."""
+    rate: npt.NDArray[np.float64]
+    """Mean rate of the samples in Hz; NaN with fewer than two."""
+    authorities: tuple[str, ...]
+    """Names of the last writers, or empty. A snapshot also reports the newest ones."""
+    late: npt.NDArray[np.int64]
+    """Number of samples that arrived out of order, as `FrameInfo.late`."""
+    longest_gap: npt.NDArray[np.int64]
+    """Longest time between two neighbouring samples, nanoseconds."""
+    cleared: npt.NDArray[np.bool_]
+    """Whether `clear` dropped the frame's samples and no sample came since."""
+
+    def __len__(self) -> int:
+        """Count the frames."""
+        return len(self.names)
+
+    def __repr__(self) -> str:
+        return f"<tfdb.types.TreeColumns of {len(self)} frames>"
 
 
 @dataclass(frozen=True, slots=True)

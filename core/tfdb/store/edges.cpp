@@ -1,0 +1,54 @@
+// The edges of many frames in one call, all in one state.
+#include <optional>
+
+#include "tfdb/store/question_resolver.hpp"
+#include "tfdb/store/rows.hpp"
+#include "tfdb/store/store.hpp"
+
+namespace tfdb {
+
+using lookup::Outcome;
+
+template <class Real>
+void Reads::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stamp, Policy policy,
+                         Missing missing, std::span<Real> out) const {
+    store::check_room<Real>(frames, out);
+    Question question = store::of_edges(stamp, policy);
+    Answer answer;
+    Failure failure;
+    std::size_t at = 0;
+    // A long one would have to begin again where writers overtake it.
+    std::optional<store::ReadPin> pin;
+    if (store_->engine == nullptr && frames.size() > store::kEdgesBetweenEnds)
+        pin.emplace(*store_);
+    const bool found = store::read(*store_, held_, [&](const StoreView& view) {
+        const auto find = [&](std::string_view name) {
+            return store_->names.find(name, view.commit());
+        };
+        bool complete = true;
+        for (at = 0; at < frames.size(); ++at) {
+            if (at % store::kEdgesBetweenEnds == 0)
+                may_end();
+            question.source = frames[at];
+            const Outcome outcome =
+                store::QuestionResolver(view, find, question).answer(answer, failure);
+            const bool is_there = outcome == Outcome::kOk;
+            if (outcome == Outcome::kLapped || (!is_there && missing == Missing::kThrow))
+                return outcome;
+            complete &= is_there;
+            frames[at].handle = question.source.handle;
+            store::write_row(is_there ? &answer.pose : nullptr, out.data() + 7 * at);
+        }
+        // What is missing may be a frame whose slot was reused since.
+        return complete ? Outcome::kOk : store::unless_reused(*store_, view.commit(), Outcome::kOk);
+    });
+    if (!found)
+        store::raise_at(*this, failure, question, at);
+}
+
+template void Reads::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy, Missing,
+                                  std::span<float>) const;
+template void Reads::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy, Missing,
+                                  std::span<double>) const;
+
+}  // namespace tfdb
