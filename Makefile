@@ -129,7 +129,7 @@ asan-python: $(STAMPS)/dev
 	$(UNDER_ASAN) -m tests.hostile.fuzz --calls 40000
 	$(UNDER_ASAN) -m tests.hostile.fuzz --calls 20000 --threads
 	$(UNDER_ASAN) -m pytest -q --capture=sys -p no:cacheprovider tests/test_bad_*.py tests/test_batch.py \
-	    tests/test_objects.py tests/test_messages.py tests/wire/test_codec.py \
+	    tests/test_copies.py tests/test_objects.py tests/test_messages.py tests/wire/test_codec.py \
 	    tests/wire/test_concurrent_changes.py tests/life/test_closing.py tests/tf2/test_messages_made.py
 
 # What `make test` walks with one preemption where a walk is long is walked to its end here, and what
