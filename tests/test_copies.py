@@ -387,3 +387,44 @@ def test_bytes_a_transform() -> None:
             source.set_transforms(members)
         size = len(source.commits_bytes(start)) / 200
         assert size <= (40 if turns else 62)
+
+
+def test_a_parent_that_was_not_chosen_goes_with_its_source() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("p", "x", 5, *pose(1))
+    source.set_transform("q", "x", 6, *pose(2))
+    position = copy.apply(source.commits_bytes(0, frames="x"))
+    source.remove_frames("p")
+    source.set_transform("p", "x", 7, *pose(3))
+    copy.apply(source.commits_bytes(position.commit, frames="x"))
+    for buf in (source, copy):
+        assert buf.samples("x")[2] == ["", "q", "p"]
+        with pytest.raises(tfdb.Disconnected):
+            buf.lookup_transform("p", "x", 5)
+
+
+def test_a_local_static_parent_does_not_stop_its_source() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "x", 5, *pose(1))
+    copy.apply(source.commits_bytes(0))
+    source.clear()
+    copy.apply(source.commits_bytes(1))
+    copy.set_static_transform("world", "x", *pose(2))
+    source.set_transform("map", "x", 6, *pose(3))
+    with pytest.warns(errors.TfdbWarning, match="frame 'x' has the parent that source"):
+        copy.apply(source.commits_bytes(2))
+    assert copy.parent_of("x") == "map"
+
+
+def test_authorities_and_names_are_judged() -> None:
+    source = tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1), authority="slam")
+    data = source.commits_bytes(0)
+    for old, new, text in (
+        (b"slam", b"sl\xffm", "authority 'sl.*m' of source '' is not valid"),
+        (b"base", b"ba\x00e", "control character"),
+    ):
+        copy = tfdb.Buffer()
+        with pytest.raises(errors.InvalidName, match=text):
+            copy.apply(resealed(data.replace(old, new)))
+        assert copy.commit == 0

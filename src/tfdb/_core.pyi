@@ -914,7 +914,7 @@ class NativeBuffer(Reads):
 
         A frame that is a root at its source may get a parent here, by any writer. It is kept until the
         source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
-        stays, without its samples, while a frame of another writer is its child.
+        stays, without its samples, if a frame of another writer is its child.
 
         Parameters
         ----------
@@ -924,7 +924,7 @@ class NativeBuffer(Reads):
             Text before the name of each frame, such as `robot1/`. It is fixed by the first call, and must
             not be the beginning of another source's prefix.
         shared
-            Frames that get no prefix, such as `map`.
+            Frames that get no prefix, such as `map`. Give the same ones with every call.
         source
             What this store calls the other one.
 
@@ -941,10 +941,11 @@ class NativeBuffer(Reads):
             They are of an epoch that has ended.
         CorruptMessage
             The bytes are damaged, cut short, or of another version; `offset` is the byte.
-        InvalidName, InvalidTransform, InvalidStamp, StaticConflict, CycleError, FrameInUse
+        InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
             They cannot be stored.
         InvalidArgument
-            The prefix is not the one of the first call, or it overlaps another source's.
+            The prefix is not the one of the first call, or it overlaps another source's; a commit stores
+            an edge twice.
         CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
             As of a write.
 

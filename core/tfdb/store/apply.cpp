@@ -30,7 +30,9 @@ public:
                                 options.shared.end();
             names_.push_back(shared ? std::string(name) : std::string(options.prefix).append(name));
             const std::string& here = names_.back();
-            const char* const fault = is_text(here) ? name_fault(here) : "is not UTF-8";
+            const char* fault = name_fault(here);
+            if (fault == nullptr && !is_text(here))
+                fault = "is not UTF-8";
             if (fault != nullptr) {
                 ErrorDetail detail;
                 detail.frame = here;
@@ -39,6 +41,12 @@ public:
                                       " " + fault + kNameRule,
                                   std::move(detail));
             }
+        }
+        for (const std::string_view authority : sample.authorities) {
+            if (authority.size() > kMaxNameBytes || !is_text(authority))
+                throw InvalidName("authority " + quoted(authority) + " of source " +
+                                  quoted(options.source) +
+                                  " is not valid: it has at most 1024 bytes of UTF-8");
         }
         for (std::size_t i = 0; i < sample.rows.size(); ++i)
             check_numbers(i);
@@ -69,6 +77,7 @@ public:
         gone_.assign(names_.size(), kNoFrame);
         cleared_.clear();
         removed_.clear();
+        written_.clear();
         removed_parent_ = kNoFrame;
         may_be_in_use_ = false;
         const bool is_state = sample_.kind == CommitSample::Kind::kState;
@@ -262,14 +271,14 @@ private:
                 mark_cleared(child);
             return;
         }
-        if (writer.has_samples() && !cleared_.contains(child)) {
-            if (!is_written_here(child)) {
-                replaced_.push_back(names_[edge.child]);
-                clear_edge(child);
-            } else if (writer.is_static() != edge.is_static) {
-                throw_fault(static_conflict(view_of(edge, rows.front()), edge.rows.first,
-                                            edge.is_static, authority_of(edge)));
-            }
+        if (!written_.insert(child))
+            throw InvalidArgument("a commit stores the edge of frame " +
+                                  quoted(names_[edge.child]) + " twice");
+        // The source clears an edge before it changes its kind: here another writer has done so.
+        if (writer.has_samples() && !cleared_.contains(child) &&
+            (!is_written_here(child) || writer.is_static() != edge.is_static)) {
+            replaced_.push_back(names_[edge.child]);
+            clear_edge(child);
         }
         commit_->set_author(author);
         (void)commit_->touch(child);
@@ -376,6 +385,7 @@ private:
     std::vector<FrameId> gone_;  // by name: those that the commit removed
     txn::FrameSet cleared_;
     txn::FrameSet removed_;
+    txn::FrameSet written_;
     FrameId removed_parent_ = kNoFrame;
     bool may_be_in_use_ = false;  // what was removed, by frames that stay
 };

@@ -501,8 +501,8 @@ public:
     /// which takes away what this source had. The position is part of the commit. What is at or
     /// before it is skipped. Throws, and leaves the store as the last whole commit did: OutOfOrder
     /// (commits between are missing, or a later epoch begins without a state), Fenced (an earlier
-    /// epoch), CorruptMessage, InvalidName, InvalidTransform, InvalidStamp, StaticConflict,
-    /// CycleError, FrameInUse, CapacityExceeded, InvalidArgument (prefix), NotSupported (other
+    /// epoch), CorruptMessage, InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse,
+    /// CapacityExceeded, InvalidArgument (prefix; an edge twice in a commit), NotSupported (other
     /// engines than the default one), and what a write throws.
     Applied apply(std::span<const std::byte> sample, const ApplyOptions& options = {});
     /// Of all sources, in the order in which they came.

@@ -141,11 +141,11 @@ private:
                 return;
             gone_.push_back(id);
             gone_here_.insert(id);
-            if (!filter_.contains(name))
+            const bool passed = made_here_.contains(id);
+            // A copy of some frames has others as their parents: it must hear of their removal.
+            if (passed && !filter_.contains(name))
                 return;
-            (made_here_.contains(id) ? passing_ : removed_).push_back(sample.place(id, [&] {
-                return name;
-            }));
+            (passed ? passing_ : removed_).push_back(sample.place(id, [&] { return name; }));
         });
     }
     [[nodiscard]] bool is_gone(FrameId id) const {
