@@ -26,6 +26,8 @@ STAMP = 1_500  # between the two of the arm
 NEVER = 10**9  # no frame has data there
 
 READS: dict[str, Callable[[Any], object]] = {
+    "lookup_edges": lambda reads: reads.lookup_edges(["base", "hand"]),
+    "tree_columns": lambda reads: reads.tree_columns(),
     "can_transform": lambda reads: reads.can_transform("map", "hand", STAMP),
     "can_transform_full": lambda reads: reads.can_transform_full(
         "map", STAMP, "hand", 1_000, "base"
@@ -148,6 +150,7 @@ def calls_of_transactions() -> dict[str, Callable[[tfdb.Transaction], object]]:
     one = tfdb.TransformStamped("map", "base", 3_000, **pose)
     return {
         "abort": lambda tx: tx.abort(),
+        "clear": lambda tx: tx.clear(),
         "commit": lambda tx: tx.commit,
         "closed": lambda tx: tx.closed,
         "remove_frames": lambda tx: tx.remove_frames("hand"),
