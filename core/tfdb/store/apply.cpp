@@ -171,9 +171,13 @@ private:
         return SourceWord::writer(source_word(id)) == source_;
     }
 
-    /// At most once in a commit for each edge.
     void clear_edge(FrameId id) {
-        if (!edge(id).has_samples() || !cleared_.insert(id))
+        if (edge(id).has_samples())
+            mark_cleared(id);
+    }
+    /// At most once in a commit for each edge, also for one without samples.
+    void mark_cleared(FrameId id) {
+        if (!cleared_.insert(id))
             return;
         commit_->set_author(0);
         (void)commit_->touch(id);
@@ -267,7 +271,7 @@ private:
         const FrameId child = frame(edge.child);
         auto writer = this->edge(child);
         if (rows.empty()) {
-            if (edge.cleared)
+            if (edge.cleared && !writer.has_samples())
                 mark_cleared(child);
             return;
         }
@@ -313,14 +317,6 @@ private:
             return;
         (void)commit_->touch(child);
         commit_->set_late(child, edge.late);
-    }
-    void mark_cleared(FrameId id) {
-        if (cleared_.contains(id) || edge(id).has_samples())
-            return;
-        cleared_.insert(id);
-        commit_->set_author(0);
-        (void)commit_->touch(id);
-        commit_->clear(id);
     }
 
     [[nodiscard]] FrameId parent_of(const CommitSample::Row& row, const CommitSample::Edge& edge) {

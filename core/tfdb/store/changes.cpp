@@ -69,7 +69,7 @@ private:
             return true;
         auto& edge = out.stored.emplace_back();
         edge.child = std::move(name);
-        edge.authority = store_.authorities.name(FeedNote::authority(note));
+        edge.authority = store_.author_name(FeedNote::authority(note));
         return read_stored(id, commit, FeedNote::count(note), edge);
     }
 

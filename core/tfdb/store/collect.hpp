@@ -14,6 +14,25 @@
 
 namespace tfdb::store {
 
+/// The name of a frame of a state; false if its slot was reused meanwhile.
+[[nodiscard]] inline bool read_name(const Store& store, const StoreView& view, FrameId id,
+                                    std::string& name) {
+    name = store.names.name(id);
+    sync::fence_acquire();
+    return view.alive(id);
+}
+
+/// Calls visit(id) for each frame of a state while it returns kOk; gives what it returned last.
+template <class Visit>
+[[nodiscard]] lookup::Outcome for_each_frame(const StoreView& view, Visit visit) {
+    lookup::Outcome outcome = lookup::Outcome::kOk;
+    for (FrameId id = 0; id < view.frame_count() && outcome == lookup::Outcome::kOk; ++id) {
+        if (view.alive(id))
+            outcome = visit(id);
+    }
+    return outcome;
+}
+
 /// One edge's visible samples in stamp order, each stamp once. A static edge has one pose and no
 /// stamp.
 struct Track {

@@ -342,17 +342,15 @@ private:
     void find_frames() {
         read([&](const StoreView& view) {
             frames_.clear();
-            for (FrameId id = 0; id < view.frame_count(); ++id) {
-                if (!view.alive(id))
-                    continue;
-                std::string name = store_.names.name(id);
-                sync::fence_acquire();
-                if (!view.alive(id))
+            const Outcome outcome = for_each_frame(view, [&](FrameId id) {
+                std::string name;
+                if (!read_name(store_, view, id, name))
                     return Outcome::kLapped;
                 if (filter_.contains(name))
                     frames_.push_back({std::move(name), id});
-            }
-            return unless_reused(store_, view.commit(), Outcome::kOk);
+                return Outcome::kOk;
+            });
+            return unless_reused(store_, view.commit(), outcome);
         });
         std::sort(frames_.begin(), frames_.end(),
                   [](const Frame& a, const Frame& b) { return a.name < b.name; });

@@ -122,18 +122,13 @@ private:
     void find_frames() {
         read([&](const StoreView& view) {
             found_.clear();
-            for (FrameId id = 0; id < view.frame_count(); ++id) {
-                if (!view.alive(id))
-                    continue;
+            const Outcome outcome = for_each_frame(view, [&](FrameId id) {
                 Found& frame = found_.emplace_back();
                 frame.id = id;
                 frame.born = view.frames().born(id);
-                frame.name = store_.names.name(id);
-                sync::fence_acquire();
-                if (!view.alive(id))
-                    return Outcome::kLapped;
-            }
-            return unless_reused(store_, view.commit(), Outcome::kOk);
+                return read_name(store_, view, id, frame.name) ? Outcome::kOk : Outcome::kLapped;
+            });
+            return unless_reused(store_, view.commit(), outcome);
         });
         for (FrameId to = 0; to < found_.size(); ++to) {
             Found& frame = found_[to];

@@ -14,13 +14,6 @@ using lookup::Outcome;
 
 namespace {
 
-/// The name of a frame of this state; false if its slot was reused meanwhile.
-bool read_name(const store::Store& store, const StoreView& view, FrameId id, std::string& name) {
-    name = store.names.name(id);
-    sync::fence_acquire();
-    return view.alive(id);
-}
-
 /// Whether a frame that looks missing in this state may have lived in it.
 bool may_be_reused(const store::Store& store, const StoreView& view) {
     return store::unless_reused(store, view.commit(), Outcome::kFailed) == Outcome::kLapped;
@@ -39,11 +32,11 @@ Outcome fill_info(const store::Store& store, const StoreView& view, FrameId id, 
         if (!view.alive_since(outline.parent, outline.named)) {
             if (may_be_reused(store, view))
                 return Outcome::kLapped;
-        } else if (!read_name(store, view, outline.parent, info.parent.emplace())) {
+        } else if (!store::read_name(store, view, outline.parent, info.parent.emplace())) {
             return Outcome::kLapped;
         }
     }
-    return read_name(store, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
+    return store::read_name(store, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
 }
 
 /// One walk of a Reach: from a frame up to `goal`, a root, or an edge without data.
@@ -92,7 +85,7 @@ Outcome walk_both(const store::Store& store, const StoreView& view, FrameId targ
     if (outcome != Outcome::kOk || end == top || end == source)
         return outcome;
     reach.end = at_gap || source_at_gap ? Reach::kGap : Reach::kApart;
-    if (reach.end == Reach::kGap && !read_name(store, view, at_gap ? end : top, reach.edge))
+    if (reach.end == Reach::kGap && !store::read_name(store, view, at_gap ? end : top, reach.edge))
         return Outcome::kLapped;
     return Outcome::kOk;
 }
@@ -111,22 +104,10 @@ void read_frame(const store::Store& store, CommitNumber held, std::string_view n
         store::throw_unknown_frame(name, at, store::did_you_mean(store, at, name));
 }
 
-template <class Visit>
-Outcome for_each_frame(const StoreView& view, Visit visit) {
-    for (FrameId id = 0; id < view.frame_count(); ++id) {
-        if (!view.alive(id))
-            continue;
-        const Outcome outcome = visit(id);
-        if (outcome != Outcome::kOk)
-            return outcome;
-    }
-    return Outcome::kOk;
-}
-
 /// By id the result of lookup::parent_at, of each frame once.
 Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& parents) {
     std::vector<lookup::NearestParent> nearest(view.frame_count());
-    const Outcome outcome = for_each_frame(view, [&](FrameId id) {
+    const Outcome outcome = store::for_each_frame(view, [&](FrameId id) {
         return id < nearest.size() ? lookup::nearest_parent_at(view, id, stamp, nearest[id])
                                    : Outcome::kOk;
     });
@@ -169,7 +150,7 @@ public:
         authorities_.clear();
         std::vector<FrameId> parents;
         const Outcome found = stamp ? all_parents(view, *stamp, parents) : Outcome::kOk;
-        const Outcome listed = for_each_frame(view, [&](FrameId id) {
+        const Outcome listed = store::for_each_frame(view, [&](FrameId id) {
             TreeColumns::Row row;
             const Outcome outcome = look_at(view, id, row);
             if (outcome != Outcome::kOk)
@@ -178,7 +159,7 @@ public:
                 row.parent = id < parents.size() ? parents[id] : FrameId{kNoFrame};
             ids_.push_back(id);
             all_.rows.push_back(row);
-            const bool alive = read_name(store_, view, id, all_.names.emplace_back());
+            const bool alive = store::read_name(store_, view, id, all_.names.emplace_back());
             return alive ? Outcome::kOk : Outcome::kLapped;
         });
         return found == Outcome::kOk ? listed : found;
@@ -244,8 +225,8 @@ std::vector<std::string> Reads::frames() const {
     std::vector<std::string> names;
     (void)store::read(*store_, held_, [&](const StoreView& view) {
         names.clear();
-        const Outcome all = for_each_frame(view, [&](FrameId id) {
-            const bool alive = read_name(*store_, view, id, names.emplace_back());
+        const Outcome all = store::for_each_frame(view, [&](FrameId id) {
+            const bool alive = store::read_name(*store_, view, id, names.emplace_back());
             return alive ? Outcome::kOk : Outcome::kLapped;
         });
         return store::unless_reused(*store_, view.commit(), all);
@@ -315,7 +296,7 @@ Samples Reads::samples(std::string_view name) const {
                 return Outcome::kLapped;
             if (known && read != track.parents[i]) {
                 read = track.parents[i];
-                if (!read_name(*store_, view, read, parent))
+                if (!store::read_name(*store_, view, read, parent))
                     return Outcome::kLapped;
             }
             out.parents.push_back(known ? parent : std::string());
@@ -365,7 +346,7 @@ std::optional<std::string> Reads::parent_of(std::string_view name,
         const Outcome read = lookup::parent_at(view, id, stamp, parent);
         if (parent == kNoFrame)
             return store::unless_reused(*store_, view.commit(), read);
-        return read_name(*store_, view, parent, found.emplace()) ? read : Outcome::kLapped;
+        return store::read_name(*store_, view, parent, found.emplace()) ? read : Outcome::kLapped;
     });
     return found;
 }

@@ -42,7 +42,7 @@ struct CommitScratch {
     CycleScratch cycles;
 };
 
-/// Notes in a frame's header, after the commit, who made it and who wrote its samples. `what`: of
+/// Notes in a frame's header, after the commit, its maker and the writer of its samples. `what`: of
 /// its note; `author` and `source` by their numbers.
 template <class Memory>
 void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, bool has_samples,
