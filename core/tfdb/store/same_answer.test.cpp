@@ -137,7 +137,8 @@ void check_edges(const From& from, std::span<const std::optional<std::string>> p
     Failure failure;
     for (std::size_t i = 0; i < kNames.size(); ++i) {
         frames.push_back({.name = kNames[i]});
-        tfdb::Question one = store::at_stamp(parents[i].value_or(""), kNames[i], stamp, policy);
+        const std::string parent = parents[i].value_or("");
+        tfdb::Question one = store::at_stamp(parent, kNames[i], stamp, policy);
         bool found = parents[i] && from.ask(one, answer, failure);
         // Where the choices of a policy run in a circle, a walk may go the other way round, or
         // nowhere; the edge by itself has an answer.
