@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstring>
 #include <string>
 
 #include "tfdb/wire/crc32c.hpp"
@@ -70,8 +69,7 @@ public:
 
     void put(std::uint64_t number) { at = store_varint(at, number); }
     void put(std::span<const std::byte> data) {
-        std::memcpy(at, data.data(), data.size());
-        at += data.size();
+        at = std::copy(data.begin(), data.end(), at);
     }
 
     std::byte* at;
