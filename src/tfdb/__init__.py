@@ -51,6 +51,7 @@ from .data.lazy_names import on_demand as _offer
 if TYPE_CHECKING:
     from . import comparing as comparing
     from . import errors as errors
+    from . import judging as judging
     from . import plot as plot
     from . import recordings as recordings
     from . import robots as robots
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from .data.policies import Exact, Extrapolate, Interpolate, Nearest, Previous
     from .data.stamps import stamp
     from .data.types import Columns, TransformStamped
+    from .judging.expectations import Expectations
     from .recordings.load import load
     from .trajectories.trajectory import Trajectory
     from .viewers.exporting import to_foxglove, to_rerun
@@ -74,6 +76,7 @@ __all__ = [
     "Conflict",
     "Disconnected",
     "Exact",
+    "Expectations",
     "Extrapolate",
     "Extrapolation",
     "Interpolate",
@@ -111,6 +114,8 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
             "data.stamps": ("stamp",),
             "data.types": ("Columns", "TransformStamped"),
             "errors": (),
+            "judging": (),
+            "judging.expectations": ("Expectations",),
             "plot": (),
             "recordings": (),
             "recordings.load": ("load",),

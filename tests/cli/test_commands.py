@@ -47,7 +47,8 @@ def test_version(tool: Tool) -> None:
 
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
-    names = "info tree lookup echo monitor view-frames plot compare poses check gaps shm serve"
+    names = "info tree lookup echo monitor view-frames plot compare poses check expect watch gaps"
+    names += " shm serve"
     names += " static-publisher change-notifier buffer-server freeze convert merge rename"
     names += " bench verify completion"
     assert re.findall(r"^  ([a-z][\w-]*)  ", shown, re.MULTILINE) == names.split()
@@ -334,7 +335,7 @@ def test_completion(tool: Tool) -> None:
         ("tfdb info pr2.b", ["file,pr2.b"]),
         ("tfdb lookup pr2.bag map base_l", ["plain,base_laser_link", "plain,base_link"]),
         ("tfdb lookup none.bag map base_l", []),
-        ("tfdb check --ignore st", ["plain,static-and-moving", "plain,static-revised"]),
+        ("tfdb check --ignore sta", ["plain,static-and-moving", "plain,static-revised"]),
     ],
 )
 def test_completion_completes(

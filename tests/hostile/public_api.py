@@ -11,7 +11,7 @@ from typing import Any
 import tfdb
 
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
-ELSEWHERE |= {"read", "save", "plot"}
+ELSEWHERE |= {"read", "save", "write", "plot"}
 ELSEWHERE |= {"AsQuat", "Concurrency"}  # types for annotations
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}

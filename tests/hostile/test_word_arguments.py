@@ -31,6 +31,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "align": ("se3", "sim3", "scale", "yaw", "origin", "none"),
     "association": ("interpolate", "nearest", "rows"),
     "axes": ("xy", "xz", "yz", "xyz"),
+    "clock": ("stamps", "arrival"),
     "color": ("time", "speed"),
     "concurrency": typing.get_args(Concurrency),
     "delta_unit": ("frames", "deg", "rad", "m", "s"),
@@ -117,6 +118,7 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
             "map", "base", points, stamps, **more
         ),
         ("Reads.trajectory", "missing"): lambda **more: buf.trajectory("map", "base", **more),
+        ("Expectations", "clock"): tfdb.Expectations,
         ("decode_tf_message", "encoding"): lambda **more: tfdb.decode_tf_message(b"", **more),
         ("encode_tf_message", "encoding"): lambda **more: tfdb.encode_tf_message([sample], **more),
         ("recordings.load_joint_states", "limits"): lambda **more: load_joint_states(
@@ -176,6 +178,8 @@ def found() -> Iterator[tuple[str, str]]:
                 members += [(f"{name}.{each}", getattr(thing, each)) for each in mine]
             for full, member in members:
                 for argument in arguments(member):
+                    if (full, argument) == ("open", "clock"):  # a function, without annotation
+                        continue
                     yield ".".join(filter(None, (place, full))), argument
 
 

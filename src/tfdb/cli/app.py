@@ -32,6 +32,8 @@ COMMANDS = {
     "compare": "Measure the error of a trajectory: APE (ATE) and RPE, equal to evo's.",
     "poses": "Write many poses of SOURCE in TARGET to a .tum, .csv, .npz or Parquet file.",
     "check": "Find faults of a recording: gaps, late data, double publishers, time jumps.",
+    "expect": "Propose expectations from a good recording: deadlines, ages, steps.",
+    "watch": "Print an event when live data breaks an expectation or meets it again.",
     "gaps": "List the gaps of each edge: start, length, publishers before and after.",
     "shm": "List, inspect and remove the shared stores of this machine.",
     "serve": "Fill a shared store from a recording at its own pace, or from a live graph.",
@@ -235,12 +237,13 @@ def cli(ctx: click.Context) -> None:
       ros2: or ros2:7                           a live graph of ROS 2, by its domain
 
     merge, rename and serve bag read recordings and trajectories. convert also reads .tfdb files,
-    for a trajectory or a viewer's file. monitor reads all but .tfdb files. The other commands
-    that take a FILE read all of these.
+    for a trajectory or a viewer's file. monitor reads all but .tfdb files. watch reads live stores
+    and graphs. The other commands that take a FILE read all of these.
 
     --json prints the result of a command as JSON. Help is text only.
 
-    Exit codes: 0 success, 1 findings of 'check' or 'verify', 2 an error (one line on stderr).
+    Exit codes: 0 success, 1 findings of 'check', 'watch' or 'verify', 2 an error
+    (one line on stderr).
     """  # noqa: D301, click wants the character
     if ctx.invoked_subcommand is None:
         output.say(ctx.get_help())

@@ -21,6 +21,7 @@ from tfdb.judging.doctor import (
     leading_slashes,
     sort_key,
 )
+from tfdb.judging.events import BROKEN, CLOCKS, EVENT_KINDS
 from tfdb.recordings.arrivals import ArrivalReader
 from tfdb.recordings.containers import prefix_of_topic
 from tfdb.recordings.load_report import describe_refused
@@ -28,6 +29,7 @@ from tfdb.recordings.rewriter import describe_untimed
 from tfdb.store.summary import Forest
 
 from . import common, layout, output
+from .expect import expect_option
 from .graph import LISTENS, Live, is_graph, listening, node_option
 from .groups import OneOf, SuggestingCommand
 from .info import mixed_body, rows_body, say_rows
@@ -36,6 +38,8 @@ from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from tfdb.judging.expectations import Expectations
 
 
 @click.command("check", cls=SuggestingCommand)
@@ -57,10 +61,11 @@ if TYPE_CHECKING:
     callback=duration_option,
     help="Seconds that an edge may start later, or stop earlier, than the recording.",
 )
+@expect_option
 @click.option(
     "--ignore",
     multiple=True,
-    type=OneOf(list(KINDS)),
+    type=OneOf(list({**KINDS, **EVENT_KINDS})),
     help="Do not report this kind of finding; repeatable.",
 )
 @click.option(
@@ -81,6 +86,7 @@ def command(
     max_gap: int | None,
     jump: int | None,
     coverage: int | None,
+    expect: str | None,
     ignore: tuple[str, ...],
     length: int | None,
     as_json: bool,
@@ -94,10 +100,17 @@ def command(
     Several FILEs are parts of one recording. A live graph (ros1:, ros2:) is watched and its new
     data checked. A shared store (shm:NAME) is checked as it is, or watched with --for. A frozen
     store (FILE.tfdb) is compared with its checksum first.
+
+    With --expect each broken expectation is a finding. An edge with a deadline then has no finding
+    'gap' or 'coverage', and one with max_late no 'late'.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
+    expected = None if expect is None else tfdb.Expectations.read(expect)
     loaded, arrivals = examined(files, length)
-    found = [
+    found = examine(arrivals.log, limits)
+    if expected is not None:
+        found = judge_expectations(arrivals, expected, found)
+    found += [
         *_refused(loaded),
         *_lost(loaded),
         *(
@@ -109,7 +122,6 @@ def command(
         *_mixed(loaded),
         *_trees(loaded),
         *leading_slashes(arrivals.mixed),
-        *examine(arrivals.log, limits),
     ]
     kept = sorted((f for f in found if f.kind not in ignore), key=sort_key)
     if as_json:
@@ -118,6 +130,29 @@ def command(
         _show(loaded, arrivals, kept)
     if kept:
         click.get_current_context().exit(1)
+
+
+def judge_expectations(
+    arrivals: Arrivals, expected: Expectations, found: list[Finding]
+) -> list[Finding]:
+    """Return what was found, with the broken expectations in place of what they judge."""
+    from tfdb.judging.expectations import limits_of_edge  # noqa: PLC0415 - with --expect alone
+    from tfdb.judging.proposing import broken_expectations, judge_recording  # noqa: PLC0415
+
+    names = arrivals.log.names
+    limits = {
+        edge.name: limits_of_edge(expected, names[edge.parents[-1]], edge.name)
+        for edge in arrivals.log.edges()
+    }
+    judged = {"gap": "deadline", "coverage": "deadline", "late": "max_late"}
+    kept = [
+        finding
+        for finding in found
+        if finding.kind not in judged
+        or getattr(limits[finding.frames[0]], judged[finding.kind]) is None
+    ]
+    events = judge_recording(arrivals, expected)
+    return kept + [each for each in broken_expectations(events) if each.kind not in CLOCKS]
 
 
 def examined(names: tuple[str, ...], length: int | None) -> tuple[common.Loaded, Arrivals]:
@@ -246,7 +281,7 @@ def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> di
             }
             for finding in found
         ],
-        "errors": severities["error"],
+        "errors": severities["error"] + severities["stale"],
         "warnings": severities["warning"],
     }
 
@@ -281,7 +316,8 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
         out.print(layout.wrap(layout.words(text)))
     count = Counter(finding.severity for finding in found)
     if found:
-        out.print(f"{counted(count['error'], 'error')}, {counted(count['warning'], 'warning')}")
+        errors = counted(count["error"] + count["stale"], "error")
+        out.print(f"{errors}, {counted(count['warning'], 'warning')}")
     else:
         transforms = loaded.report.transforms if loaded.report else arrivals.log.count
         frames = counted(len(loaded.store.frames()), "frame")
@@ -294,7 +330,7 @@ def _show_narrow(out: Console, finding: Finding) -> None:
     frames = "".join(f" {name}," for name in _frames(finding)).rstrip(",")
     names = [layout.safe(name) for name in finding.frames]
     heading = [finding.severity, f" {finding.kind}:", *layout.words(frames, *names)]
-    style = "bold red" if finding.severity == "error" else "bold"
+    style = "bold red" if finding.severity in BROKEN else "bold"
     out.print(layout.wrap(heading), style=style)
     since = "" if finding.stamp is None else f", since {format_when(finding.stamp)}"
     out.print(layout.wrap([" ", *layout.words(f" {finding.message}{since}", *names)]))
@@ -312,5 +348,6 @@ def _row(finding: Finding) -> tuple[Any, ...]:
     stamp = finding.stamp
     times = ("", "") if stamp is None else (format_ns(stamp), format_date(stamp))
     frames = ", ".join(_frames(finding))
-    mark = layout.loud("error") if finding.severity == "error" else "warning"
+    loud = finding.severity in BROKEN
+    mark = layout.loud(finding.severity) if loud else finding.severity
     return (mark, finding.kind, frames, *times, finding.message)

@@ -23,6 +23,7 @@ __all__ = [
     "CorruptStore",
     "CycleError",
     "Disconnected",
+    "ExpectationError",
     "Extrapolation",
     "FeedLapped",
     "Fenced",
@@ -430,6 +431,10 @@ class MixedSources(RecordingError):
 
 class ModelError(FileError):
     """A robot model that is not valid: `ModelError(path, reason, line=None)`."""
+
+
+class ExpectationError(FileError):
+    """A file of expectations that is not valid: `ExpectationError(path, reason, line=None)`."""
 
 
 class TrajectoryError(FileError):

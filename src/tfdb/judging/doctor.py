@@ -18,6 +18,7 @@ from tfdb.data.time_text import format_duration, format_ns
 from tfdb.store.summary import GAP_FACTOR, YEAR_NS, Clock, Gap, describe_clocks, find_gaps
 
 from . import motion
+from .events import EVENT_KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -64,11 +65,13 @@ class Finding:
     stamp: int | None = None
     count: int = 1
     details: dict[str, Any] = field(default_factory=dict)
+    given: str | None = None
+    """The severity where that of the kind does not count."""
 
     @property
     def severity(self) -> str:
-        """``error`` or ``warning``."""
-        return KINDS[self.kind][0]
+        """``error`` or ``warning``; of an expectation, as it says."""
+        return self.given or KINDS[self.kind][0]
 
 
 @dataclass(frozen=True)
@@ -292,8 +295,9 @@ def disconnected(roots: Sequence[tuple[str, int]]) -> list[Finding]:
 
 
 def sort_key(finding: Finding) -> tuple[int, tuple[str, ...], int]:
-    """Order by kind as listed in KINDS, then by frame, then by time."""
-    return list(KINDS).index(finding.kind), finding.frames, finding.stamp or 0
+    """Order by kind as listed in KINDS, then those of expectations, by frame and by time."""
+    kinds = [*KINDS, *EVENT_KINDS]
+    return kinds.index(finding.kind), finding.frames, finding.stamp or 0
 
 
 def _by_clock(edges: Sequence[Edge]) -> list[list[Edge]]:

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Protocol, cast
+
+import numpy as np
 
 from tfdb.data import errors
 
 from .arrivals import Arrivals
 from .doctor import Log
+from .judge import Judge, Rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
-    import numpy as np
     import numpy.typing as npt
 
     from tfdb._core import Buffer, Reads
     from tfdb.data.types import Changes, Columns
 
+    from .events import Event
 
 _BETWEEN = 0.1
 """Seconds between two steps of a progress bar."""
+_REST = 8
+"""A follower rests so many times as long as the last commits took: then it reads more at once."""
+_LONGEST_REST = 0.05
+"""Seconds: the feed of a busy store holds more."""
 
 
 def stored_arrivals(state: Reads) -> Arrivals:
@@ -34,6 +42,64 @@ def stored_arrivals(state: Reads) -> Arrivals:
         samples = state.samples(info.name)
         log.add_edge(info.name, *samples, publisher=info.authority, static=info.is_static)
     return Arrivals(log, known)
+
+
+def judge_changes(judge: Judge, changes: Sequence[Changes], arrival: int) -> list[Event]:
+    """Judge commits that were read at one time."""
+    events: list[Event] = []
+    begun = 0
+    for place, change in enumerate(changes):
+        if change.cleared or change.removed:  # their stamps may begin anew
+            events += judge.feed(rows_of_changes(judge, changes[begun:place], arrival))
+            judge.forget({*change.cleared, *change.removed})
+            begun = place
+    return events + judge.feed(rows_of_changes(judge, changes[begun:], arrival))
+
+
+def rows_of_changes(judge: Judge, changes: Sequence[Changes], arrival: int) -> Rows:
+    """Return the samples of commits."""
+    parents: list[str] = []
+    children: list[str] = []
+    authorities: list[str] = []
+    parts, static, commits = [], [], []
+    for change in changes:
+        authorities += change.authorities
+        for columns in (change.stored, change.stored_static):
+            if count := len(columns):
+                parents += columns.parents
+                children += columns.children
+                parts.append(columns)
+                static.append(columns.stamps is None)
+                commits.append((change.commit, count))
+    counts = [count for _, count in commits]
+    empty = np.zeros(0, dtype=np.int64)
+    stamps = [
+        np.zeros(len(each), dtype=np.int64) if each.stamps is None else each.stamps
+        for each in parts
+    ]
+    return Rows(
+        np.full(len(parents), arrival),
+        judge.number_edges(parents, children),
+        judge.number_authorities(authorities),
+        np.concatenate([empty, *cast("list[npt.NDArray[np.int64]]", stamps)]),
+        np.concatenate([np.zeros((0, 7)), *(each.poses for each in parts)]),
+        np.repeat(np.array(static, dtype=bool), counts),
+        np.repeat(np.array([commit for commit, _ in commits], dtype=np.int64), counts),
+    )
+
+
+def held_rows(judge: Judge, state: Reads, arrival: int) -> Rows:
+    """Return the newest sample of each edge of a state, as if it arrived now."""
+    infos = [each for each in state.tree() if each.parent is not None and each.samples]
+    count = len(infos)
+    return Rows(
+        np.full(count, arrival),
+        judge.number_edges([each.parent or "" for each in infos], [each.name for each in infos]),
+        judge.number_authorities([each.authority for each in infos]),
+        np.array([each.newest or 0 for each in infos], dtype=np.int64),
+        state.lookup_edges([each.name for each in infos]),
+        np.array([each.is_static for each in infos], dtype=bool),
+    )
 
 
 class Followed(Protocol):
@@ -52,6 +118,9 @@ class Followed(Protocol):
     def wait(self, until: float) -> bool:
         """Wait for a commit beyond `commit`; False: none came until then (monotonic seconds)."""
 
+    def sleep(self, until: float) -> None:
+        """Wait until then (monotonic seconds), or for the end of the source."""
+
 
 class Follower:
     """Tells what is committed to a live store, in its order.
@@ -62,14 +131,20 @@ class Follower:
     def __init__(self, live: Followed) -> None:
         self._live = live
         self._told = live.commit
+        self._busy_since = math.inf
         self.missed: int = 0
         """How many commits went by unseen."""
 
     def changes(self, until: float) -> list[Changes]:
         """Commits since the last call; waits for one until a monotonic time."""
-        live = self._live
+        live, now = self._live, time.monotonic()
+        rest = min(_REST * (now - self._busy_since), _LONGEST_REST)
+        self._busy_since = math.inf
+        if rest > 0:
+            live.sleep(min(now + rest, until))
         if not live.wait(until):
             return []
+        self._busy_since = time.monotonic()
         try:
             found = live.store.changes(self._told)
         except errors.FeedLapped:

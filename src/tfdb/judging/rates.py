@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ANOTHER_CLOCK = 3600 * NS
 """No stamp that is so far from its arrival is of the arrival's clock."""
-_TIMELY = 10 * NS
+TIMELY = 10 * NS
 """Where no stamp is so near to its arrival, all are of another clock."""
 
 
@@ -215,7 +215,7 @@ class Rates:
         """Whether no stamp of any frame is near to its arrival: all are of another clock."""
         nearest = (joined(frame.periods).nearest for frame in self.frames.values())
         known = [abs(each) for each in nearest if each is not None]
-        return bool(known) and min(known) > _TIMELY
+        return bool(known) and min(known) > TIMELY
 
 
 def joined(periods: deque[Delays]) -> Delays:

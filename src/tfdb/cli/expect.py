@@ -1,0 +1,100 @@
+"""``tfdb expect``: expectations that a good recording meets; the option `--expect` of others."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from tfdb.data.counting import counted
+
+from . import common, layout, output
+from .graph import node_option
+from .groups import SuggestingCommand
+from .selecting import selection_options
+from .times import duration_option
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from click.decorators import FC
+
+
+def expect_option_of(*, required: bool) -> Callable[[FC], FC]:
+    """Give a command the option `--expect`."""
+    return click.option(
+        "--expect",
+        metavar="EXPECTATIONS.toml",
+        type=click.Path(),
+        required=required,
+        help="Judge the data by the expectations of this file; 'tfdb expect' proposes one.",
+    )
+
+
+expect_option: Callable[[FC], FC] = expect_option_of(required=False)
+
+
+@click.command("expect", cls=SuggestingCommand)
+@common.files_argument
+@click.option(
+    "-o",
+    "--output",
+    "out",
+    metavar="OUT.toml",
+    type=click.Path(),
+    help="Write this file.  [default: print the expectations]",
+)
+@common.overwrite_option
+@click.option(
+    "--for",
+    "length",
+    metavar="SECONDS",
+    callback=duration_option,
+    help="Watch a shared store (shm:NAME) or graph (ros1:, ros2:) for this long.  "
+    "[default of a graph: 5]",
+)
+@node_option
+@selection_options
+@common.json_option
+def command(
+    *,
+    files: tuple[str, ...],
+    out: str | None,
+    overwrite: bool,
+    length: int | None,
+    as_json: bool,
+) -> None:
+    """Propose expectations from a good recording: deadlines, ages, steps.
+
+    Example: tfdb expect drive.mcap -o expectations.toml
+
+    The deadline of an edge is twice the 99.9th percentile of the times between its samples, or the
+    longest of them. The other limits are twice the largest value. The recording itself meets them
+    all. 'tfdb check', 'tfdb watch' and 'tfdb monitor' judge others by the file: --expect OUT.
+    """
+    from tfdb.judging.proposing import judge_recording, propose_for  # noqa: PLC0415 - with numpy
+
+    from .check import examined  # noqa: PLC0415 - it has the option of this module
+
+    if out is not None:
+        live = any(common.is_live(name) for name in files)
+        inputs = () if live else common.find_paths(files)
+        common.check_output(out, inputs, overwrite=overwrite)
+    _, arrivals = examined(files, length)
+    proposed = propose_for(arrivals)
+    broken = sorted({each.kind for each in judge_recording(arrivals, proposed)})
+    if broken:
+        text = f"{', '.join(files)} is not a good recording: it has {', '.join(broken)}"
+        output.say(f"tfdb: warning: {layout.safe(text)}; 'tfdb check' lists them", err=True)
+    if out is not None:
+        proposed.write(out, overwrite=overwrite)
+    if as_json:
+        body = {"files": list(files), "output": out, "edges": len(proposed.edges)}
+        body |= {"authorities": len(proposed.authorities), "events": broken}
+        output.emit_json("expect", body | {"text": str(proposed)})
+    elif out is None:
+        output.say(str(proposed).rstrip())
+    else:
+        text = f"{out}: expectations of {counted(len(proposed.edges), 'edge')}"
+        text += f" and {len(proposed.authorities)} authorities"
+        output.say(layout.wrap(layout.words(text, out)))

@@ -1,0 +1,103 @@
+"""``tfdb watch``: events of a live store or graph, as its expectations are broken and met again."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+import time
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import click
+
+from tfdb.data.counting import counted
+
+from . import common, layout, output
+from .expect import expect_option_of
+from .graph import live_source, node_option
+from .groups import SuggestingCommand
+from .times import NS, duration_option
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tfdb.judging.events import Event
+    from tfdb.judging.expectations import Expectations
+
+    from .graph import Live
+
+_KEPT = 10 * NS
+_LONGEST = 0.1
+"""Seconds between two looks at the time."""
+_STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "stale": "magenta"}
+
+
+@click.command("watch", cls=SuggestingCommand)
+@common.file_argument
+@expect_option_of(required=True)
+@click.option(
+    "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
+)
+@node_option
+@common.json_lines_option
+def command(*, file: str, expect: str, length: int | None, as_json: bool) -> None:
+    """Print an event when live data breaks an expectation or meets it again.
+
+    Example: tfdb watch ros2: --expect expectations.toml
+
+    Exit code: 0 without an event of the severity error or stale, 1 with one, 2 on an error. FILE is
+    a live graph (ros1:, ros2:) or a shared store (shm:NAME), which is watched until Ctrl-C or
+    --for. 'tfdb check --expect' judges a recording.
+    """
+    from tfdb.judging.events import BROKEN  # noqa: PLC0415 - with its room
+    from tfdb.judging.expectations import Expectations  # noqa: PLC0415
+
+    if not common.is_live(file):
+        raise click.UsageError(
+            f"{file} is not live: give shm:NAME, ros1: or ros2:; 'tfdb check --expect' judges a "
+            "recording"
+        )
+    expected = Expectations.read(expect)
+    counts: Counter[str] = Counter()
+    with live_source(file, history=_KEPT) as live:
+        try:
+            for event in watch_events(live, expected, length):
+                counts[event.severity] += 1
+                _show(event, as_json=as_json)
+        finally:
+            if not as_json:
+                found = [counted(counts[each], each) for each in ("error", "warning")]
+                output.say(f"tfdb: {', '.join(found)}, {counts['stale']} stale", err=True)
+    if any(counts[severity] for severity in BROKEN):
+        click.get_current_context().exit(1)
+
+
+def watch_events(live: Live, expected: Expectations, length: int | None) -> Iterator[Event]:
+    """Follow the commits, and yield the events as they come."""
+    from tfdb.judging.follower import Follower, held_rows, judge_changes  # noqa: PLC0415 - numpy
+    from tfdb.judging.judge import Judge  # noqa: PLC0415
+
+    ends = math.inf if length is None else time.monotonic() + length / NS
+    while live.now() <= 0 and time.monotonic() < ends:  # a simulated one
+        live.wait(min(time.monotonic() + _LONGEST, ends))
+    judge = Judge(expected, live.now())
+    with live.store.snapshot() as state:
+        live.commit = state.commit
+        follower = Follower(live)
+        yield from judge.feed(held_rows(judge, state, live.now()))
+    while time.monotonic() < ends:
+        changes = follower.changes(min(time.monotonic() + _LONGEST, ends))
+        now = live.now()
+        yield from judge_changes(judge, changes, now)
+        yield from judge.advance(now)
+        live.check()
+
+
+def _show(event: Event, *, as_json: bool) -> None:
+    if as_json:
+        output.emit_json_line("watch", dataclasses.asdict(event))
+        sys.stdout.flush()
+        return
+    words = layout.words(str(event), event.parent, event.child, event.authority)
+    layout.console().print(layout.wrap(words), style=_STYLES[event.severity])

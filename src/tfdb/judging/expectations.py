@@ -1,0 +1,275 @@
+"""What is expected of edges and authorities: limits, and the text of their file."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+
+from tfdb.data.argument_checks import check_word
+from tfdb.data.errors import ExpectationError, InvalidArgument
+from tfdb.data.new_file import new_file
+from tfdb.data.path_checks import check_path
+from tfdb.data.stamps import shown
+
+from .events import EVENT_KINDS, Severity
+from .expectation_file import TIME, UNITS, ExpectationFile, text_of
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Sequence
+
+__all__ = ["AuthorityExpectation", "Expectation", "Expectations"]
+
+_QUANTITY = re.compile(r"([0-9.eE+-]+)\s*([a-z/]+)")
+_GREATEST = 1e9
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What is expected of the edges that two names match; each name may contain `*`.
+
+    Durations are seconds. A limit of None is not judged.
+    """
+
+    parent: str = "*"
+    """Name of the parent."""
+    child: str = "*"
+    """Name of the child."""
+    deadline: float | None = None
+    """Longest time between two arrivals."""
+    lifespan: float | None = None
+    """Greatest age of the newest stamp."""
+    liveliness: float | None = None
+    """Longest time between two commits of each of these authorities, on any edge."""
+    authority: Sequence[str] = ()
+    """The authorities that may write the edge, the strongest first; empty: any."""
+    max_step: float | None = None
+    """Longest distance between two samples, metres."""
+    max_speed: float | None = None
+    """Highest speed between two samples, metres per second."""
+    max_turn: float | None = None
+    """Largest rotation between two samples, radians."""
+    max_late: float | None = None
+    """How far a sample may lie behind the newest stamp."""
+    severity: Mapping[str, Severity] = field(default_factory=dict)
+    """The severity of each kind of event that shall not have the usual one."""
+
+    def __post_init__(self) -> None:
+        for name in ("parent", "child"):
+            _check_name(name, getattr(self, name))
+        names = (self.authority,) if isinstance(self.authority, str) else tuple(self.authority)
+        object.__setattr__(self, "authority", names)
+        for each in names:
+            _check_name("authority", each)
+        if len(set(names)) < len(names):
+            raise InvalidArgument(f"authority names {_first_twice(names)!r} twice", value=names)
+        for name, units in UNITS.items():
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _quantity(name, value, units))
+        _check_severity(self.severity)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it names one edge."""
+        return "*" not in self.parent + self.child
+
+    def over(self, other: Expectation) -> Expectation:
+        """Return this one, with what it lacks from another."""
+        lacking: dict[str, Any] = {
+            name: getattr(other, name)
+            for name in (*UNITS, "authority")
+            if getattr(self, name) in (None, ())
+        }
+        return replace(self, severity={**other.severity, **self.severity}, **lacking)
+
+
+@dataclass(frozen=True)
+class AuthorityExpectation:
+    """What is expected of the authorities that a name matches; it may contain `*`."""
+
+    name: str
+    """Name of the authority."""
+    liveliness: float
+    """Longest time between two of its commits, on any edge, seconds."""
+    severity: Mapping[str, Severity] = field(default_factory=dict)
+    """The severity of `liveliness`, if it shall not be the usual one."""
+
+    def __post_init__(self) -> None:
+        _check_name("name", self.name)
+        value = _quantity("liveliness", self.liveliness, TIME)
+        object.__setattr__(self, "liveliness", value)
+        _check_severity(self.severity)
+
+
+@dataclass(frozen=True)
+class Expectations:
+    """All that is expected of a store or recording.
+
+    Each limit of an edge is that of the first that has one: the expectation that names both frames,
+    those with `*` in their order, the default.
+
+    >>> import tfdb
+    >>> from tfdb.judging import Expectation
+    >>> one = Expectation("odom", "base", deadline=0.05, authority=["ekf", "wheels"])
+    >>> print(tfdb.Expectations([one]))
+    version = 1
+    clock = "stamps"
+    <BLANKLINE>
+    [[edge]]
+    parent = "odom"
+    child = "base"
+    deadline = 0.05
+    authority = ["ekf", "wheels"]
+    <BLANKLINE>
+    """
+
+    edges: Sequence[Expectation] = ()
+    """Expectations of edges."""
+    authorities: Sequence[AuthorityExpectation] = ()
+    """Expectations of authorities."""
+    default: Expectation = field(default_factory=Expectation)
+    """Limits of every edge that has none of its own."""
+    clock: Literal["stamps", "arrival"] = "stamps"
+    """What `lifespan` counts from: the newest stamp, or its arrival where the stamps are of another
+    clock."""
+
+    def __post_init__(self) -> None:
+        check_word("clock", self.clock, ("stamps", "arrival"))
+        if not isinstance(self.default, Expectation):
+            raise TypeError(f"default is {shown(self.default)}; give an Expectation")
+        for name, kind in (("edges", Expectation), ("authorities", AuthorityExpectation)):
+            given = tuple(getattr(self, name))
+            for each in given:
+                if not isinstance(each, kind):
+                    raise TypeError(f"{name} holds {shown(each)}; give {kind.__name__}s")
+            object.__setattr__(self, name, given)
+        _check_contradictions(self.edges, self.authorities)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a TOML file.
+
+        Raises
+        ------
+        ExpectationError
+            The file is missing or not TOML, or a key or value is not valid. Field: line.
+        """
+        kinds = {"edge": Expectation, "authority": AuthorityExpectation, "default": Expectation}
+        return ExpectationFile(check_path(path), kinds).read(cls)
+
+    def write(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write a TOML file; `overwrite`: replace one of that name."""
+        with new_file(path, overwrite=overwrite, refusal=ExpectationError) as made:
+            made.write_text(str(self), encoding="utf-8")
+
+    def __str__(self) -> str:
+        """The text of the TOML file."""
+        return text_of(self)
+
+
+def limits_of_edge(expectations: Expectations, parent: str, child: str) -> Expectation:
+    """Return what is expected of one edge."""
+    found = Expectation(parent, child)
+    edges = expectations.edges
+    matching = [each for each in edges if matches(each.parent, parent)]
+    matching = [each for each in matching if matches(each.child, child)]
+    for each in sorted(matching, key=lambda each: not each.is_exact):
+        found = found.over(each)
+    return found.over(expectations.default)
+
+
+def limits_of_authority(expectations: Expectations, name: str) -> AuthorityExpectation | None:
+    """Return what is expected of one authority; None: nothing."""
+    named = [each for each in expectations.authorities if matches(each.name, name)]
+    named.sort(key=lambda each: "*" in each.name)
+    found = [(each.liveliness, each.severity) for each in named]
+    edges = [each for each in expectations.edges if any(matches(a, name) for a in each.authority)]
+    found += [(e.liveliness, e.severity) for e in (*edges, expectations.default) if e.liveliness]
+    return AuthorityExpectation(name, *found[0]) if found else None
+
+
+def expected_authorities(expectations: Expectations) -> Iterable[str]:
+    """Return the authorities that are named without `*`, and expected to be alive."""
+    listed = [each.name for each in expectations.authorities]
+    for each in expectations.edges:
+        listed += each.authority if each.liveliness else ()
+    return dict.fromkeys(name for name in listed if "*" not in name)
+
+
+def matches(pattern: str, name: str) -> bool:
+    """Whether a name is that of a pattern, in which `*` stands for any text."""
+    if "*" not in pattern:
+        return pattern == name
+    parts = ".*".join(map(re.escape, pattern.split("*")))
+    return re.fullmatch(parts, name, re.DOTALL) is not None
+
+
+def _check_name(what: str, name: object) -> None:
+    if not isinstance(name, str) or not name:
+        raise InvalidArgument(
+            f"{what} is {shown(name)}; give a name, which may contain *", value=name
+        )
+
+
+def _quantity(name: str, value: object, units: Mapping[str, float]) -> float:
+    """Return a limit as a number of its first unit."""
+    if isinstance(value, str):
+        match = _QUANTITY.fullmatch(value.strip())
+        known = ", ".join(units)
+        try:
+            number, factor = float(match[1]), units[match[2]]  # type: ignore[index]
+        except (TypeError, ValueError, KeyError):
+            raise InvalidArgument(
+                f"{name} is {value!r}; give a number, or text with one of the units {known}",
+                value=value,
+            ) from None
+        found = number * factor
+    elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        found = float(value) if abs(value) < _GREATEST else math.inf
+    else:
+        raise InvalidArgument(f"{name} is {shown(value)}; give a number or text", value=value)
+    if not 0 < found < _GREATEST:
+        raise InvalidArgument(f"{name} is {value!r}; it must be positive and finite", value=value)
+    if units is TIME and found < 1e-9:
+        raise InvalidArgument(f"{name} is {value!r}; the shortest is 1 ns", value=value)
+    return found
+
+
+def _check_severity(given: Mapping[str, Severity]) -> None:
+    if not isinstance(given, Mapping):
+        raise TypeError(f"severity is {shown(given)}; give a mapping of kinds to severities")
+    for kind, severity in given.items():
+        check_word("severity", kind, EVENT_KINDS)
+        check_word("severity", severity, get_args(Severity))
+
+
+def _check_contradictions(
+    edges: Sequence[Expectation], authorities: Sequence[AuthorityExpectation]
+) -> None:
+    """Refuse what two say of one. The error's `index` is that of the second."""
+    parents: dict[str, str] = {}
+    pairs: set[tuple[str, str]] = set()
+    for index, each in enumerate(edges):
+        if (each.parent, each.child) in pairs:
+            text = f"edge {each.parent} -> {each.child} is expected twice; join the two"
+            raise InvalidArgument(text, index=index)
+        pairs.add((each.parent, each.child))
+        if each.is_exact and parents.setdefault(each.child, each.parent) != each.parent:
+            text = (
+                f"{each.child} is expected below {parents[each.child]} and below {each.parent}; "
+                "a frame has one parent"
+            )
+            raise InvalidArgument(text, index=index)
+    names = [each.name for each in authorities]
+    if len(set(names)) < len(names):
+        twice = _first_twice(names)
+        index = names.index(twice, names.index(twice) + 1)
+        raise InvalidArgument(f"authority {twice} is expected twice; join the two", index=index)
+
+
+def _first_twice(names: Sequence[str]) -> str:
+    return next(name for name in names if names.count(name) > 1)

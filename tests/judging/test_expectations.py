@@ -1,0 +1,203 @@
+"""Expectations: their file, its faults with their lines, and the proposal."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import tfdb
+from tfdb.errors import ExpectationError, InvalidArgument
+from tfdb.judging.expectations import (
+    AuthorityExpectation,
+    Expectation,
+    Expectations,
+    limits_of_authority,
+    limits_of_edge,
+)
+from tfdb.judging.judge import Judge
+from tfdb.judging.proposing import judge_recording, propose, recorded_arrivals, rows_of
+
+DATA = Path(__file__).resolve().parents[2] / "examples" / "data"
+TEXT = """\
+version = 1
+clock = "stamps"                 # or "arrival"
+[default]
+deadline = 0.5
+[[edge]]
+parent = "odom"
+child = "base"
+deadline = "50ms"
+max_turn = "90 deg"
+authority = ["ekf", "wheels"]
+severity = { deadline = "error" }
+[[edge]]
+parent = "*"
+child = "wheel_*"
+lifespan = "2 s"
+max_speed = "36 km/h"
+[[authority]]
+name = "ekf"
+liveliness = 1.0
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "expectations.toml"
+
+
+def test_a_file_is_read(file: Path) -> None:
+    file.write_text(TEXT)
+    found = tfdb.Expectations.read(file)
+    base = limits_of_edge(found, "odom", "base")
+    assert (base.deadline, base.lifespan, base.max_turn) == (0.05, None, math.pi / 2)
+    assert base.authority == ("ekf", "wheels")
+    assert base.severity == {"deadline": "error"}
+    wheel = limits_of_edge(found, "base", "wheel_left")
+    assert (wheel.deadline, wheel.lifespan, wheel.max_speed) == (0.5, 2.0, 10.0)
+    assert limits_of_edge(found, "base", "camera").deadline == 0.5
+    alive = limits_of_authority(found, "ekf")
+    assert alive is not None
+    assert alive.liveliness == 1.0
+    assert limits_of_authority(found, "wheels") is None
+
+
+def test_a_written_file_is_read_back(file: Path) -> None:
+    odd = 'a"b\\c é\u2028'
+    made = Expectations(
+        [Expectation(odd, "*", 0.1, 2.0, 3.0, (odd, "b"), 1.0, 2.0, 3.0, 4.0, {"late": "ok"})],
+        [AuthorityExpectation(odd, 1e-9, {"liveliness": "warning"})],
+        Expectation(deadline=1e8),
+        "arrival",
+    )
+    made.write(file)
+    assert Expectations.read(file) == made
+    with pytest.raises(ExpectationError, match="exists already"):
+        made.write(file)
+    Expectations().write(file, overwrite=True)
+    assert Expectations.read(file) == Expectations()
+
+
+def test_an_exact_name_comes_before_a_pattern() -> None:
+    made = Expectations(
+        [
+            Expectation("*", "base", deadline=1, lifespan=1),
+            Expectation("odom", "base", deadline=2),
+            Expectation("*", "*", max_step=3, lifespan=3),
+        ],
+        default=Expectation(max_step=4, max_late=4),
+    )
+    found = limits_of_edge(made, "odom", "base")
+    limits = (found.deadline, found.lifespan, found.max_step, found.max_late)
+    assert limits == (2, 1, 3, 4)
+    assert limits_of_edge(Expectations([Expectation("a.c", "[x]", 1)]), "abc", "x").deadline is None
+
+
+FAULTS = [
+    ("deadline = 0.5", "dedline = 0.5", 4, "'dedline' is not one of .* did you mean 'deadline'"),
+    ("version = 1", "version = 2", 1, "version is 2; this tfdb reads version 1"),
+    ("version = 1", "# none", 1, "version is missing; write version = 1"),
+    ("version = 1", "verion = 1\nversion = 1", 1, "did you mean 'version'"),
+    ('clock = "stamps"', 'clock = "stamp"', 2, "did you mean 'stamps'"),
+    ("[default]", "[defaults]", 3, "did you mean 'default'"),
+    ("deadline = 0.5", "deadline = 0", 4, "must be positive"),
+    ("deadline = 0.5", "deadline = -1", 4, "must be positive"),
+    ("deadline = 0.5", "deadline = nan", 4, "must be positive"),
+    ("deadline = 0.5", "deadline = inf", 4, "must be positive and finite"),
+    ("deadline = 0.5", "deadline = true", 4, "give a number or text"),
+    ("deadline = 0.5", "deadline = 1e-12", 4, "the shortest is 1 ns"),
+    ("deadline = 0.5", "deadline = 0.5\ndeadline = 0.6", 5, "give TOML"),
+    ("deadline = 0.5", "deadline =", 4, "give TOML"),
+    ("deadline = 0.5", 'parent = "map"', 4, "'parent' is not one of"),
+    ('"50ms"', '"50 parsec"', 8, "one of the units s, ms, us, ns, min"),
+    ('"50ms"', '"ms"', 8, "one of the units"),
+    ('"50ms"', '"1e400s"', 8, "must be positive and finite"),
+    ('"90 deg"', '"90 s"', 9, "one of the units rad, deg"),
+    ('["ekf", "wheels"]', '["ekf", "ekf"]', 10, "'ekf' twice"),
+    ('["ekf", "wheels"]', "[3]", 10, "give a name"),
+    ('["ekf", "wheels"]', "3", 10, "give a name, or a list of names"),
+    ('deadline = "error"', 'dedline = "error"', 11, "did you mean 'deadline'"),
+    ('deadline = "error"', 'deadline = "fatal"', 11, "severity must be 'ok'.* got 'fatal'"),
+    ('{ deadline = "error" }', '"error"', 11, "give a table of kinds"),
+    ('child = "wheel_*"\n', "", 12, "lacks child"),
+    ('child = "wheel_*"', 'child = ""', 14, "give a name"),
+    ('parent = "*"\nchild = "wheel_*"', 'parent = "odom"\nchild = "base"', 12, "join the two"),
+    ('parent = "*"\nchild = "wheel_*"', 'parent = "map"\nchild = "base"', 12, "has one parent"),
+    ("liveliness = 1.0", "", 17, "lacks liveliness"),
+    (
+        "liveliness = 1.0",
+        'liveliness = 1.0\n[[authority]]\nname = "ekf"\nliveliness = 2',
+        20,
+        "join",
+    ),
+    ("[[authority]]", "[authority]", 17, r"write \[\[authority\]\]"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "line", "reason"), FAULTS)
+def test_a_fault_is_refused_with_its_line(
+    file: Path, old: str, new: str, line: int, reason: str
+) -> None:
+    assert old in TEXT
+    file.write_text(TEXT.replace(old, new, 1))
+    with pytest.raises(ExpectationError, match=reason) as caught:
+        Expectations.read(file)
+    assert caught.value.line == line
+    assert str(caught.value).startswith(f"{file}:{line}: ")
+
+
+def test_a_file_that_is_missing_or_binary_is_refused(file: Path) -> None:
+    with pytest.raises(ExpectationError, match="No such file"):
+        Expectations.read(file)
+    file.write_bytes(b"\xff")
+    with pytest.raises(ExpectationError, match="UTF-8"):
+        Expectations.read(file)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"parent": ""}, {"deadline": "x"}, {"max_step": [1]}, {"severity": {"late": "bad"}}]
+)
+def test_wrong_arguments_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InvalidArgument):
+        Expectation(**wrong)
+
+
+def test_objects_of_other_types_are_refused() -> None:
+    with pytest.raises(TypeError, match="give Expectations"):
+        Expectations([AuthorityExpectation("a", 1)])  # type: ignore[list-item]
+    with pytest.raises(TypeError, match="give a mapping"):
+        Expectation(severity=["late"])  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="give an Expectation"):
+        Expectations(default={"deadline": 1})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["pr2.bag", "pr2.mcap"])
+def test_a_recording_meets_its_proposal(name: str, file: Path) -> None:
+    arrivals = recorded_arrivals([DATA / name])
+    proposed = propose(DATA / name)
+    assert judge_recording(arrivals, proposed) == []
+    assert len(proposed.edges) == 84
+    base = next(each for each in proposed.edges if each.child == "base_footprint")
+    assert base.deadline == 0.042
+    assert str(proposed) == str(Expectations(**vars(proposed)))
+    # It does not meet half of each.
+    tight = Expectation("*", base.child, base.deadline and base.deadline / 2, max_step=0.01)
+    kinds = {event.kind for event in judge_recording(arrivals, Expectations([tight]))}
+    assert kinds == {"deadline", "step"}
+
+
+def test_a_recording_fed_row_by_row_gives_the_same_events() -> None:
+    arrivals = recorded_arrivals([DATA / "pr2.bag"])
+    limits = {"deadline": 0.03, "lifespan": 0.03, "max_step": 0.01, "max_turn": 0.01}
+    expected = Expectations(default=Expectation(**limits, liveliness=0.05))  # type: ignore[arg-type]
+    whole = judge_recording(arrivals, expected)
+    assert len(whole) > 200
+    rows = rows_of(arrivals, Judge(expected, 0))
+    judge, found = Judge(expected, int(rows.arrivals[0])), []
+    rows = rows_of(arrivals, judge)
+    for i in range(len(rows)):
+        found += judge.feed(rows.at(slice(i, i + 1)))
+    assert found == whole
