@@ -272,19 +272,10 @@ nb::object memory(BufferObject& self) {
 nb::object snapshot(nb::handle self) {
     BufferObject& buffer = object_of<BufferObject>(self);
     check_not_in_transaction(buffer);
-    nb::object made = make_offered<SnapshotObject>();
-    auto* object = nb::inst_ptr<SnapshotObject>(made);
-    {
+    return snapshot_object(self, [&] {
         const LongWork work(buffer.reasons.to_wait());
-        object->held = std::make_shared<Snapshot>(buffer.open_store().snapshot());
-    }
-    object->reads = object->held.get();
-    object->waits = &buffer.reasons;
-    object->names = &buffer.own_names;
-    object->paths = &buffer.own_paths;
-    object->buffer = self.ptr();
-    object->owner = nb::borrow(self);
-    return made;
+        return buffer.open_store().snapshot();
+    }());
 }
 
 std::optional<double> history(const BufferObject& self) {

@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
 #include "batch.hpp"
 #include "errors.hpp"
@@ -210,6 +211,14 @@ void enter_closed_state(SnapshotObject& object) {
     }
 }
 
+nb::object at(nb::handle self, nb::handle commit) {
+    const SnapshotObject& object = object_of<SnapshotObject>(self);
+    const CommitNumber wanted = count_of(commit, "commit", 0, kMaxCommit);
+    const Pinned pinned = pin(self, object);
+    return snapshot_object(object.owner,
+                           pinned.ask([&](const Reads&) { return pinned.keep->at(wanted); }));
+}
+
 void close(nb::handle self) {
     nb::ft_object_guard guard(self);
     enter_closed_state(object_of<SnapshotObject>(self));
@@ -235,6 +244,28 @@ void bind_snapshot(nb::module_& module) {
         module, "Snapshot", nb::type_slots(g_snapshot_slots));
     refuse_construction<SnapshotObject>(type, "Buffer.snapshot() makes snapshots");
     bind_state_bytes(type);
+    type.def("at", &at, nb::arg("commit").none(), nb::sig("def at(self, commit: int) -> Snapshot"),
+             R"(Return a snapshot of a later commit.
+
+A held snapshot protects its own state and all later ones, so a follower of `changes` can open the
+state of each commit. Either of the two may be closed first. The returned one keeps as much memory
+as this one: take a new snapshot from time to time.
+
+Parameters
+----------
+commit
+    Number of the commit: this snapshot's own or a greater one.
+
+Returns
+-------
+Snapshot
+    Its reads raise SnapshotTooOld if `snapshot_memory` did not suffice.
+
+Raises
+------
+InvalidArgument
+    The commit is older than this snapshot's, or does not exist yet.
+SnapshotClosed)");
     type.def("close", &close, nb::sig("def close(self) -> None"),
              "Release the samples that only this snapshot needs. A second call does nothing.");
     type.def_prop_ro(
@@ -273,6 +304,20 @@ void adopt_classes(nb::handle buffer, nb::handle snapshot, nb::handle transactio
 }
 
 }  // namespace
+
+nb::object snapshot_object(nb::handle buffer, Snapshot&& taken) {
+    auto* const of = nb::inst_ptr<BufferObject>(buffer);
+    nb::object made = make_offered<SnapshotObject>();
+    auto* const object = nb::inst_ptr<SnapshotObject>(made);
+    object->held = std::make_shared<Snapshot>(std::move(taken));
+    object->reads = object->held.get();
+    object->waits = &of->reasons;
+    object->names = &of->own_names;
+    object->paths = &of->own_paths;
+    object->buffer = buffer.ptr();
+    object->owner = nb::borrow(buffer);
+    return made;
+}
 
 Question question_through(nb::handle fixed, nb::handle target, nb::handle target_stamp,
                           nb::handle source, nb::handle source_stamp, nb::handle policy) {

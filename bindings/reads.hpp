@@ -109,6 +109,9 @@ struct SnapshotObject : ReadsObject {
     nb::object owner;  // keeps `buffer` alive
 };
 
+/// The Python object of a snapshot; `buffer` is the Buffer object.
+nb::object snapshot_object(nb::handle buffer, Snapshot&& taken);
+
 /// Of a lookup through a fixed frame; a stamp that is None is the latest common one.
 Question question_through(nb::handle fixed, nb::handle target, nb::handle target_stamp,
                           nb::handle source, nb::handle source_stamp, nb::handle policy);

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 import tfdb
 from oracle import quaternion
 
@@ -106,3 +108,28 @@ def test_a_parent_that_was_removed_before() -> None:
     write(buffer, "c", "new", 5)
     buffer.remove_frames("e")
     assert everything(held) == before
+
+
+def test_a_later_commit_must_exist_and_not_be_older() -> None:
+    buffer = tfdb.Buffer()
+    write(buffer, "map", "base", 10)
+    write(buffer, "map", "base", 12)
+    held = buffer.snapshot()
+    write(buffer, "map", "base", 14)
+    write(buffer, "map", "base", 16)
+    with held.at(3) as later:
+        assert type(later) is tfdb.Snapshot
+        assert (later.commit, later.frame_info("base").newest) == (3, 14)
+        assert held.at(2).frame_info("base").newest == 12
+        held.close()
+        assert later.at(4).frame_info("base").newest == 16
+        with pytest.raises(tfdb.InvalidArgument, match="commit 2: it is of commit 3"):
+            later.at(2)
+        with pytest.raises(tfdb.InvalidArgument, match="commit 5: the newest is 4"):
+            later.at(5)
+        with pytest.raises(tfdb.InvalidArgument, match="commit"):
+            later.at(-1)
+        buffer.close()
+        assert later.at(4).frame_info("base").newest == 16
+    with pytest.raises(tfdb.errors.SnapshotClosed):
+        later.at(3)

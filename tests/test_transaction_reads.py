@@ -129,6 +129,7 @@ QUESTIONS = questions()
 def test_a_transaction_has_every_read_of_a_snapshot() -> None:
     reads = {name for name in dir(tfdb.Snapshot) if not name.startswith("_")}
     assert reads - set(dir(tfdb.Transaction)) == {
+        "at",
         "close",
         "freeze",
         "state_bytes",

@@ -617,6 +617,31 @@ class NativeSnapshot(Reads):
         Raises SnapshotTooOld, SnapshotClosed.
         """
 
+    def at(self, commit: int) -> Snapshot:
+        """
+        Return a snapshot of a later commit.
+
+        A held snapshot protects its own state and all later ones, so a follower of `changes` can open the
+        state of each commit. Either of the two may be closed first. The returned one keeps as much memory
+        as this one: take a new snapshot from time to time.
+
+        Parameters
+        ----------
+        commit
+            Number of the commit: this snapshot's own or a greater one.
+
+        Returns
+        -------
+        Snapshot
+            Its reads raise SnapshotTooOld if `snapshot_memory` did not suffice.
+
+        Raises
+        ------
+        InvalidArgument
+            The commit is older than this snapshot's, or does not exist yet.
+        SnapshotClosed
+        """
+
     def close(self) -> None:
         """
         Release the samples that only this snapshot needs. A second call does nothing.

@@ -185,6 +185,7 @@ def calls_that_answer(buffer: tfdb.Buffer, name: str, folder: Path) -> Table:
         "Buffer.snapshot": buffer.snapshot,
         "Buffer.transaction": buffer.transaction,
         "Buffer.unlink": remove,
+        "Snapshot.at": on_snapshot(buffer, lambda reads: reads.at(reads.commit)),
         "Snapshot.close": on_snapshot(buffer, lambda reads: reads.close()),
         "Snapshot.freeze": on_snapshot(
             buffer, lambda reads: reads.freeze(folder / "snapshot.tfdb")

@@ -11,9 +11,9 @@ namespace tfdb::graph {
 /// A few counts of states, each with a floor: those that it counts are of that commit or newer. A
 /// count that is found empty gets the newest commit as its floor, and the next ones; the others
 /// meanwhile drain. So the oldest floor follows the oldest state however many overlap.
-/// Threads: `take` and `drop` any; `oldest` only a writer: the holder of the commit lock, if others
-/// may take pins meanwhile. Guarantee: wait-free. A commit that is loaded after `take` is not older
-/// than what `oldest` returns from then on.
+/// Threads: `take`, `join` and `drop` any; `oldest` only a writer: the holder of the commit lock,
+/// if others may take pins meanwhile. Guarantee: wait-free. A commit that is loaded after `take` is
+/// not older than what `oldest` returns from then on.
 template <class Memory>
 class Pins {
 public:
@@ -42,6 +42,9 @@ public:
         Memory::fence_full();
         return chosen;
     }
+    /// Counts one more in, where the caller's own pin is: the floor stays, so the new pin keeps
+    /// that one's state and all later ones.
+    void join(unsigned taken) const { count(taken).fetch_add(1); }
     void drop(unsigned taken) const { count(taken).fetch_add(~std::uint64_t{0}); }
 
     /// No state that is counted, or will be, is older. `committed` was published before.

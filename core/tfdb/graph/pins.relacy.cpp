@@ -92,6 +92,13 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
             RL_ASSERT(read_at(memory, places, kScript, *g_model, state, kAsked, require));
             reads.drop(read_pin);
         }
+        // Of a later state, by the same pin; the first snapshot goes first.
+        const CommitNumber later = memory.word(places.commit).load_acquire();
+        held.join(pin);
+        held.drop(pin);
+        const unsigned read_pin = reads.take();
+        RL_ASSERT(read_at(memory, places, kScript, *g_model, later, kAsked, require));
+        reads.drop(read_pin);
         held.drop(pin);
     }
 };

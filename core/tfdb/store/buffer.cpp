@@ -124,10 +124,10 @@ Snapshot Buffer::snapshot() const {
         store::check_not_in_transaction(*store_);
         const store::Alone alone(*store_);
         const unsigned pin = store_->held_pins.take(store_->committed());
-        return {store_, store_->committed(), pin};
+        return {store_, store_->committed(), pin, sync::forks()};
     }
     const unsigned pin = store_->held_pins.take(store_->committed());
-    return {store_, store_->committed(), pin};
+    return {store_, store_->committed(), pin, sync::forks()};
 }
 
 CommitNumber Buffer::clear() {
@@ -188,18 +188,43 @@ MemoryUse Buffer::memory() const {
     return use;
 }
 
-Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin)
-    : Reads(std::move(store), held), pin_(pin), forks_(sync::forks()) {}
+Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin,
+                   std::uint64_t forks)
+    : Reads(std::move(store), held), pin_(pin), forks_(forks) {}
 
 Snapshot::Snapshot(Snapshot&& other) noexcept
     : Reads(std::move(other.store_), other.held_), pin_(other.pin_), forks_(other.forks_) {}
+
+/// False for the copy of a shared store's snapshot in a forked child, whose slot is another one.
+bool Snapshot::is_counted() const {
+    return store_->shared == nullptr || forks_ == sync::forks();
+}
+
+Snapshot Snapshot::at(CommitNumber commit) const {
+    std::optional<store::Alone> alone;
+    if (store_->engine != nullptr) {
+        // As in Buffer::snapshot.
+        store::check_not_in_transaction(*store_);
+        alone.emplace(*store_);
+    }
+    const std::string wanted = "this snapshot cannot open commit " + std::to_string(commit);
+    if (commit < held_) {
+        throw InvalidArgument(wanted + ": it is of commit " + std::to_string(held_) +
+                              ", and protects that one and later ones");
+    }
+    if (const CommitNumber newest = store_->committed(); commit > newest)
+        throw InvalidArgument(wanted + ": the newest is " + std::to_string(newest));
+    if (is_counted())
+        store_->held_pins.join(pin_);
+    return {store_, commit, pin_, forks_};
+}
 
 void Snapshot::freeze(const std::string& path, std::string_view origin, bool in_place) const {
     store::freeze(*store_, held_, path, origin, in_place);
 }
 
 Snapshot::~Snapshot() {
-    if (store_ && (store_->shared == nullptr || forks_ == sync::forks()))
+    if (store_ && is_counted())
         store_->held_pins.drop(pin_);
 }
 

@@ -384,6 +384,13 @@ public:
     Snapshot(const Snapshot&) = delete;
     Snapshot& operator=(const Snapshot&) = delete;
 
+    /// The state of a later commit, or of the same. This snapshot protects all of them while it is
+    /// held; what is returned shares its pin, and either may go first. A state that writers had to
+    /// overwrite throws SnapshotTooOld by its reads, as that of any snapshot. Throws
+    /// InvalidArgument for an older commit, and for one that does not exist yet. In research
+    /// engines it is alone with the store, and throws TransactionActive.
+    [[nodiscard]] Snapshot at(CommitNumber commit) const;
+
     /// Writes this state into a file for `Buffer::open_frozen`: reads of it return what reads of
     /// this snapshot return. The complete file replaces one of that name; processes that have the
     /// old one open go on with it. `origin`: any text, which is kept. `in_place`: the file is
@@ -400,7 +407,9 @@ public:
 
 private:
     friend class Buffer;
-    Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin);
+    Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin,
+             std::uint64_t forks);
+    [[nodiscard]] bool is_counted() const;
 
     unsigned pin_;         // which count of held snapshots it is in
     std::uint64_t forks_;  // of its process: in a shared store a child's copy is not counted

@@ -44,14 +44,15 @@ public:
     void run() {
         for (int i = 0; i < shape_.operations && !failed_; ++i) {
             operate(i);
-            // In `fine` each sample is a commit.
-            if (fixture::engine() != Concurrency::kFine)
+            if (numbered())
                 CHECK_EQ(buffer_.commit(), model_.commit());
             if (chance(shape_.held))
                 hold();
             for (int q = 0; q < 6; ++q)
                 question(i);
         }
+        if (!failed_ && !held_.empty())
+            look_at_every_state();
     }
 
 private:
@@ -205,6 +206,12 @@ private:
             reads = &h.snapshot;
             state = h.state;
         }
+        std::optional<Snapshot> later;
+        if (reads != &buffer_ && numbered() && chance(0.5)) {
+            const auto* const held = static_cast<const Snapshot*>(reads);
+            state += static_cast<std::size_t>(below(static_cast<int>(model_.commit() - state) + 1));
+            reads = &later.emplace(held->at(state));
+        }
         if (chance(0.05))
             look_around(*reads, state, stamp(operation));
         const std::string target = chance(0.1) ? "root" : name();
@@ -247,6 +254,31 @@ private:
             shape_.name, seed_, operation, target.c_str(), source.c_str(),
             static_cast<long long>(at.value_or(-1)), static_cast<int>(policy.kind),
             static_cast<long long>(policy.limit), state, model_.commit());
+    }
+
+    /// In `fine` each sample is a commit.
+    static bool numbered() { return fixture::engine() != Concurrency::kFine; }
+
+    /// From the oldest held state on, whichever snapshot is closed first.
+    void look_at_every_state() {
+        if (!numbered())
+            return;
+        std::unique_ptr<Snapshot> last;
+        const auto first = held_.front()->state;
+        for (std::size_t state = first; state <= model_.commit(); ++state) {
+            const Snapshot& from = last != nullptr ? *last : held_.front()->snapshot;
+            auto next = std::make_unique<Snapshot>(from.at(state));
+            CHECK_EQ(next->commit(), state);
+            if (state % 2 == 0) {
+                last = std::move(next);
+                held_.clear();
+                look_around(*last, state, stamp(static_cast<int>(state)));
+            } else {
+                look_around(*next, state, stamp(static_cast<int>(state)));
+                if (held_.empty())
+                    last = std::move(next);
+            }
+        }
     }
 
     void report(const Reads& reads, std::size_t state) const {

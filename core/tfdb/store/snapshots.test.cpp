@@ -1,5 +1,7 @@
 // Snapshots: one state for as long as they are held, whatever writers do meanwhile.
+#include <atomic>
 #include <memory>
+#include <random>
 #include <thread>
 
 #include "tfdb/store/transaction_fixture.test.hpp"
@@ -91,6 +93,69 @@ TFDB_TEST(snapshots_answer_the_same_bits_beside_two_hundred_thousand_commits) {
     CHECK(rounds > 0);
     CHECK(first.same(Record(held, now)));
     CHECK_EQ(number_of(buffer.lookup_transform("map", "a").pose), (now + kCommits) % 100'000);
+}
+
+TFDB_TEST(snapshots_open_later_commits_beside_a_writer) {
+    constexpr int kRounds = 2'000;
+    Buffer buffer(keeping(kHistory));
+    std::atomic<bool> over{false};
+    std::atomic<StampNs> written{2};
+    const CommitNumber before = advance(buffer, 1);
+    const CommitNumber each = advance(buffer, 2) - before;  // in `fine` each sample is a commit
+    std::thread writer([&] {
+        for (StampNs stamp = 3; !over; ++stamp) {
+            advance(buffer, stamp);
+            written = stamp;
+        }
+    });
+    std::mt19937 random(1);
+    auto held = std::make_unique<Snapshot>(buffer.snapshot());
+    for (int round = 0; round < kRounds; ++round) {
+        const CommitNumber reach = before + each * static_cast<CommitNumber>(written - 1);
+        const CommitNumber first = held->commit();
+        const CommitNumber commit = reach > first ? first + random() % (reach - first + 1) : first;
+        auto later = std::make_unique<Snapshot>(held->at(commit));
+        if (round % 100 == 99)
+            held = std::make_unique<Snapshot>(buffer.snapshot());  // the first one goes first
+        CHECK_EQ(later->commit(), commit);
+        const StampNs stamp = 1 + static_cast<StampNs>((commit - before) / each);
+        for (const char* name : {"a", "b", "other"}) {
+            const FrameInfo info = later->frame_info(name);
+            CHECK(info.newest == stamp || (each > 1 && info.newest == stamp + 1));
+            CHECK_EQ(info.samples, static_cast<std::uint64_t>(std::min(info.newest, kHistory + 1)));
+        }
+    }
+    over = true;
+    writer.join();
+}
+
+TFDB_TEST(snapshots_open_no_commit_that_they_do_not_protect) {
+    Buffer buffer(keeping(kHistory));
+    set(buffer, "map", "base", 1, pose_of(1));
+    const CommitNumber first = set(buffer, "map", "base", 2, pose_of(2));
+    const Snapshot held = buffer.snapshot();
+    const CommitNumber last = set(buffer, "map", "base", 3, pose_of(3));
+    CHECK_EQ(number_of(held.at(first).lookup_transform("map", "base").pose), 2.0);
+    CHECK_EQ(number_of(held.at(last).at(last).lookup_transform("map", "base").pose), 3.0);
+    const auto older = THROWN(InvalidArgument, held.at(first - 1));
+    CHECK(older && says(*older, "commit " + std::to_string(first - 1) + ": it is of commit " +
+                                    std::to_string(first)));
+    const auto missing = THROWN(InvalidArgument, held.at(last + 1));
+    CHECK(missing && says(*missing, "commit " + std::to_string(last + 1) + ": the newest is " +
+                                        std::to_string(last)));
+    THROWN(InvalidArgument, held.at(last).at(first));
+}
+
+TFDB_TEST(snapshots_of_later_commits_are_given_up_as_others_are) {
+    BufferOptions options = keeping(kHistory);
+    options.snapshot_memory = 0;
+    Buffer buffer(options);
+    set(buffer, "map", "base", 1, pose_of(1));
+    const Snapshot held = buffer.snapshot();
+    overwrite(buffer);
+    const Snapshot later = held.at(held.commit() + 1);
+    const auto error = THROWN(SnapshotTooOld, later.lookup_transform("map", "base", 2));
+    CHECK(error && says(*error, "snapshot " + std::to_string(later.commit())));
 }
 
 TFDB_TEST(snapshots_are_given_up_when_their_memory_is_spent_and_fresh_reads_go_on) {

@@ -145,6 +145,44 @@ TFDB_SCHED(commit_leaves_held_snapshots_alone) {
           ask_held);
 }
 
+/// All questions from a later state than that of a held snapshot, whose pin it joins; the snapshot
+/// is closed first. `late`: a seeded bug, even before the other joins.
+Reader ask_later(bool late = false) {
+    return [late](const WalkedForest& forest, const naive::Model& model, const Script& script) {
+        const graph::Pins<ForestMemory> pins(forest.frames, graph::kHeldPins);
+        const unsigned pin = pins.take(forest.word(graph::kCommit).load_acquire());
+        const CommitNumber later = forest.word(graph::kCommit).load_acquire();
+        if (late)
+            pins.drop(pin);
+        pins.join(pin);
+        if (!late)
+            pins.drop(pin);
+        for (const Question& question : script.questions)
+            ask_until_answered(forest, model, question, [later] { return later; });
+        pins.drop(pin);
+    };
+}
+
+TFDB_SCHED(commit_leaves_later_states_of_held_snapshots_alone) {
+    const Script evicting{.history = 15,
+                          .before = {set(10, {{"map", "odom"}}), set(20, {{"map", "odom"}})},
+                          .during = {set(50, {{"map", "odom"}}), set(60, {{"map", "odom"}}),
+                                     set(70, {{"map", "odom"}})},
+                          .questions = {{"map", "odom", 15}}};
+    sched::Options options;
+    options.preemptions = 1;
+    sched::Walk bounded(options);
+    bounded.must_hold("the oldest is not overwritten", program(evicting, ask_later()));
+    bounded.must_fail("a count that was left, then joined", "a pinned read",
+                      program(evicting, ask_later(true)));
+    holds("the slot of a removed frame is not used again",
+          {.history = {},
+           .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+           .during = {removal("base"), set(10, {{"map", "tip"}})},
+           .questions = {{"map", "base", 10}}},
+          ask_later());
+}
+
 Step compaction(Step::Kind kind = Step::kCompact) {
     return of_kind(kind, {});
 }
