@@ -15,6 +15,7 @@ import itertools
 import mmap
 import random
 import sys
+import tempfile
 import threading
 import time
 import traceback
@@ -394,6 +395,14 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, help="goes on with further seeds for so long")
     parser.add_argument("--note", type=Path, help="a file that names the call, should it crash")
     options = parser.parse_args()
+    if options.note is not None:
+        options.note = options.note.absolute()
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        fuzz(options)
+
+
+def fuzz(options: argparse.Namespace) -> None:
+    """Call as the options say. Some calls write files into the working folder."""
     faulthandler.enable()
     warnings.simplefilter("ignore")
     print(f"seed {options.seed}", flush=True)
