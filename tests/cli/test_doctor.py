@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.cli.growing_log import GrowingLog as Log
 
-from tfdb.judging.doctor import KINDS, Finding, Limits, Log, disconnected, examine
+from tfdb.judging.doctor import KINDS, Finding, Limits, disconnected, examine
 from tfdb.recordings import Recording
 
 if TYPE_CHECKING:

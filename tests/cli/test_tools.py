@@ -7,6 +7,7 @@ import json
 import math
 import os
 import pty
+import re
 import struct
 import subprocess
 import sys
@@ -25,7 +26,6 @@ from tfdb.cli.echo import Printer, Question, echo
 from tfdb.cli.graph import Live
 from tfdb.cli.monitor import Watch
 from tfdb.cli.times import LATEST
-from tfdb.judging.rates import Rates
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -265,7 +265,7 @@ def test_monitor_shows_no_delay_of_a_replayed_store(tool: Tool, name: str, ago: 
 
 def test_monitor_shows_a_long_delay_beside_a_timely_frame() -> None:
     store = tfdb.Buffer(history=None)
-    watch = Watch(store, None, Rates(0, 1))
+    watch = Watch(store, None, began=0)
     now = 10**6 * S
     for child, ago in (("fast", S), ("slow", 100 * S), ("replayed", AGO)):
         store.set_transform("map", child, now - ago, (1, 2, 3), TURN)
@@ -320,9 +320,57 @@ def test_monitor_breaks_no_name_on_a_terminal(name: str) -> None:
     assert said.count(long.encode()) >= 3
 
 
+def test_monitor_shows_the_worst_frames_first_and_no_more_than_fit(
+    tool: Tool, name: str, tmp_path: Path
+) -> None:
+    store = tfdb.Buffer.open(name)
+    old, new = time.time_ns() - 60 * S, time.time_ns()
+    for number in range(40):
+        stamp = old if number == 39 else new
+        store.set_transform("map", f"frame_{number:02}", stamp, (0, 0, 0), TURN)
+    file = tmp_path / "e.toml"
+    file.write_text(
+        'version = 1\n[default]\nlifespan = 30\n[[edge]]\nparent = "map"\nchild = "none"\n'
+        '[[edge]]\nparent = "map"\nchild = "frame_0*"\nauthority = "it"\n'
+    )
+    asked = ("monitor", f"shm:{name}", "--expect", str(file), "--for", "1.2", "--every", "1.2")
+    over = threading.Event()
+
+    def write() -> None:
+        while not over.wait(0.05):
+            store.set_transforms(
+                [
+                    tfdb.TransformStamped("map", f"frame_{i:02}", time.time_ns(), (0, 0, 0), TURN)
+                    for i in range(39)
+                ],
+                authority="other",
+            )
+            again = tfdb.TransformStamped("map", "frame_39", old, (0, 0, 0), TURN)
+            store.set_transforms([again])
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        body = lines(tool(*asked, "--json").out)[-1]
+        shown = tool(*asked).out.splitlines()
+        said = on_a_terminal(*asked).decode()
+    finally:
+        over.set()
+        writer.join()
+    kinds = [event["kind"] for event in body["events"]]
+    assert kinds == ["lifespan", "missing", *["foreign-authority"] * 10]
+    assert shown[1] == "map -> none: error: missing 1 s (limit 1 s)"
+    assert re.search(r"frame_39 +stale: lifespan", shown[4])
+    assert re.search(r"frame_00 +error: foreign-authority", shown[5])
+    assert sum("frame_" in line for line in shown) == 40
+    assert "frame_39" in said
+    assert "28 more frames" in said
+    assert "frame_38" not in said
+
+
 def test_monitor_begins_anew_where_time_jumps_back() -> None:
     store = tfdb.Buffer(history=None)
-    watch = Watch(store, None, Rates(0, 1))
+    watch = Watch(store, None, began=0)
     for stamp in (100, 101, 5, 7):
         if stamp == 5:
             store.clear()
@@ -350,24 +398,6 @@ def test_monitor_refuses_wrong_arguments(tool: Tool, bag: Path, tmp_path: Path) 
     tool("freeze", bag, "-o", frozen)
     assert "it has no arrival times" in tool("monitor", frozen, code=2).error
     assert "frame 'nowhere' does not exist" in tool("monitor", bag, "map", "nowhere", code=2).error
-
-
-def test_rates_drop_old_samples() -> None:
-    rates = Rates(0, 2)
-    for second in range(5):
-        for part in range(second + 1):
-            stamp = second * S + part
-            rates.add(("map", "base"), stamp, stamp + second * 10, "it", static=False)
-        ((_, _, delays),) = rates.of_frames()
-        assert delays.count == (second + 1) + (second if second else 0)
-        assert delays.longest == 10 * second
-        assert rates.seconds((second + 1) * S) == (2 if second else 1)
-        rates.next_period((second + 1) * S)
-    ((_, frame, _),) = rates.of_frames()
-    assert frame.authors == {"it": 15}
-    rates.add(("map", "base"), 2**60, 0, "other", static=False)
-    ((_, of_it), (_, of_other)) = rates.of_authors()
-    assert (of_it.count, of_other.count, of_other.mean) == (5, 1, None)
 
 
 NAMES = ('odd "name"', "back\\slash", "a->b; x", "<b>html</b>", "\u00e9t\u00e9")

@@ -12,7 +12,7 @@ import click
 
 import tfdb
 from tfdb.data.time_text import format_duration, format_ns
-from tfdb.judging.rates import ANOTHER_CLOCK
+from tfdb.judging.events import ANOTHER_CLOCK
 from tfdb.store.waiting import NO_ANSWER_YET
 
 from . import common, layout, output

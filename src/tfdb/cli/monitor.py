@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
 from typing import TYPE_CHECKING, Any, Self, cast
@@ -11,10 +12,15 @@ import click
 import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
-from tfdb.judging.follower import Follower
+from tfdb.judging.arrivals import Arrivals
+from tfdb.judging.events import BROKEN, CLOCKS
+from tfdb.judging.expectations import Expectations
+from tfdb.judging.follower import Follower, held_rows, stretches
+from tfdb.judging.judge import Judge
+from tfdb.judging.proposing import fixed_rows, rows_of, span_of
 from tfdb.judging.rates import Delays, Frame, Rates
 from tfdb.recordings.arrivals import ArrivalReader
-from tfdb.recordings.load_report import Tally, warn_of_refused
+from tfdb.recordings.load_report import Tally
 from tfdb.recordings.recording import Run
 from tfdb.store.frozen import is_frozen
 from tfdb.store.report import frames_passed
@@ -22,6 +28,7 @@ from tfdb.store.summary import Forest
 from tfdb.store.waiting import NO_ANSWER_YET
 
 from . import common, layout, output
+from .expect import expect_option
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
 from .selecting import refuse_selection, selection_options
@@ -29,15 +36,17 @@ from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
 
     from rich.console import RenderableType
     from rich.live import Live as Place
+    from rich.text import Text
 
     from tfdb._core import Reads
     from tfdb.data.types import Changes
+    from tfdb.judging.events import Event
+    from tfdb.judging.judge import Rows
     from tfdb.recordings.arrivals import RecordedArrivals
-    from tfdb.recordings.open_recordings import OpenRecordings
-    from tfdb.recordings.rewriter import Rewriter
 
 _KEPT = 10 * NS
 
@@ -66,6 +75,7 @@ _KEPT = 10 * NS
     "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
 )
 @node_option
+@expect_option
 @selection_options
 @layout.wide_option
 @common.json_lines_option
@@ -77,6 +87,7 @@ def command(
     every: int,
     window: int,
     length: int | None,
+    expect: str | None,
     as_json: bool,
 ) -> None:
     """Show the rate, delay, gaps and publisher of each frame, live or recorded.
@@ -89,66 +100,90 @@ def command(
 
     A delay is the time from stamp to arrival, by the clock of the graph, this machine or the
     recorder. Replayed stamps have no delay; one line reports their offset. On a terminal the table
-    is updated in place.
+    is updated in place, and cut to its height. With --expect the worst edges come first, each with
+    the expectation that it breaks now.
     """
     if every <= 0:
         raise click.UsageError("--every must be positive")
     if target is not None and source is None:
         raise click.UsageError("give both TARGET and SOURCE, or neither")
     chain = None if target is None or source is None else (target, source)
+    expected = None if expect is None else tfdb.Expectations.read(expect)
     screen = Screen(file, chain, as_json=as_json)
     if not common.is_live(file):
-        _tell_recording(file, chain, screen)
+        _tell_recording(file, chain, expected, screen)
         return
     refuse_selection((file,), "live", "it")
     with live_source(file, history=_KEPT) as live, screen:
-        watch = Watch(live.store, chain, Rates(time.monotonic_ns(), max(window // every, 1)))
+        watch = Watch(
+            live.store,
+            chain,
+            began=time.monotonic_ns(),
+            window=max(window // every, 1),
+            expected=expected,
+            start=live.now(),
+        )
         _watch(live, watch, every, length, screen)
 
 
 class Watch:
-    """What comes into a store, and how the chain stands."""
+    """What comes into a store, what is expected of it, and how the chain stands."""
 
-    def __init__(self, store: Reads, chain: tuple[str, str] | None, rates: Rates) -> None:
+    def __init__(
+        self,
+        store: Reads,
+        chain: tuple[str, str] | None,
+        *,
+        began: int,
+        window: int = 1,
+        expected: Expectations | None = None,
+        start: int = 0,
+    ) -> None:
         self._store = store
         self._chain = chain and (chain[0].removeprefix("/"), chain[1].removeprefix("/"))
-        self.rates = rates
+        self.judge = Judge(expected or Expectations(), start)
+        self.judges: bool = expected is not None
+        """Whether there is anything expected."""
+        self.rates = Rates(self.judge, began, window)
         self.passed: list[str] = []
         """Frames from the chain's source to its target, as far as they are known."""
         self.broken: str = ""
         """Why the chain is broken now."""
 
-    def take_held(self) -> None:
-        """Take static edges that are there already."""
-        for info in self._store.tree():
-            if info.is_static and info.parent is not None:
-                self.rates.add((info.parent, info.name), 0, 0, info.authority, static=True)
+    def take_held(self, state: Reads, now: int) -> None:
+        """Take the static edges that are there already; expectations take the moving ones too."""
+        rows = held_rows(self.judge, state, now)
+        self.rates.add(rows.at(rows.static))
+        if self.judges:
+            self.judge.feed(rows)
 
     def depths(self) -> dict[str, int]:
         """How deep each frame is in the tree, in its order."""
         return {row.info.name: row.depth for row in Forest(self._store.tree()).rows()}
 
     def take(self, changes: Sequence[Changes], arrival: int) -> None:
-        """Count the samples of commits."""
-        for change in changes:
-            authors = iter(change.authorities)
-            for name in (*change.cleared, *change.removed):
-                self.rates.forget_stamps(name)
-            for columns, static in ((change.stored, False), (change.stored_static, True)):
-                stamps: Any = columns.stamps
-                stamps = [0] * len(columns) if stamps is None else stamps.tolist()
-                for parent, child, stamp in zip(
-                    columns.parents, columns.children, stamps, strict=True
-                ):
-                    self.rates.add((parent, child), stamp, arrival, next(authors), static=static)
+        """Count and judge the samples of commits."""
         if changes:
-            self._look_at_chain(arrival)
+            for cleared, rows in stretches(self.judge, changes, arrival):
+                self.judge.forget(cleared)
+                self.rates.forget(cleared)
+                self.take_rows(rows)
+            self.look_at_chain(self._store, arrival)
+        if self.judges:
+            self.judge.advance(arrival)
 
-    def _look_at_chain(self, now: int) -> None:
+    def take_rows(self, rows: Rows) -> None:
+        """Count and judge samples."""
+        self.rates.add(rows)
+        if self.judges:
+            self.judge.feed(rows)
+
+    def look_at_chain(self, store: Reads, now: int) -> None:
+        """Look up the chain, and count its delay."""
         if self._chain is None:
             return
         try:
-            found = self._store.lookup_transform(*self._chain)
+            found = store.lookup_transform(*self._chain)
         except NO_ANSWER_YET as error:
             self.broken = str(error)
             return
@@ -160,10 +195,16 @@ class Watch:
         """Whether a frame is one of those that are asked for."""
         return self._chain is None or frame in self.passed
 
+    def events(self) -> list[Event]:
+        """What is broken now, the worst first."""
+        return sorted(self.judge.active.values(), key=lambda event: event.rank)
+
 
 def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Screen) -> None:
     """Follow the commits, and say each period what was seen."""
-    watch.take_held()
+    with live.store.snapshot() as state:
+        live.commit = state.commit
+        watch.take_held(state, live.now())
     follower = Follower(live)
     began = time.monotonic()
     ends = None if length is None else began + length / NS
@@ -181,7 +222,9 @@ def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Scr
             shown = max(shown + every / NS, time.monotonic())
 
 
-def _tell_recording(file: str, chain: tuple[str, str] | None, screen: Screen) -> None:
+def _tell_recording(
+    file: str, chain: tuple[str, str] | None, expected: Expectations | None, screen: Screen
+) -> None:
     """Play a recording, as fast as it goes, and say what was in it."""
     (path,) = common.find_paths((file,))
     if is_frozen(path):
@@ -189,59 +232,38 @@ def _tell_recording(file: str, chain: tuple[str, str] | None, screen: Screen) ->
             f"{file} is a frozen store: it has no arrival times; give the recording that it was "
             "made of"
         )
-    if chain is None:
-        screen.show(*_of_arrivals(file), 0)
-        return
-    with common.open_selected([path]) as recordings:
-        rewriter = recordings.rewriter()
-        watch, end = _of_chain(recordings, rewriter, chain)
-        rewriter.warn(str(path), 2)
-        screen.show(watch, end, 0)
-
-
-def _of_arrivals(file: str) -> tuple[Watch, int]:
-    """Count all arrivals; return also the time of the last message."""
-    import numpy as np
-
     reader = ArrivalReader(lambda source: source.authority)
     loaded = common.load([file], arrivals=reader)
-    found = cast("RecordedArrivals", reader.found)
-    began = min((int(columns[1].min()) for _, columns, _ in found.edges), default=0)
-    rates = Rates(began, 1)
-    for joint in found.rewriter.fixed_joints():
-        edge = joint.parent, joint.child
-        rates.add(edge, 0, began, found.rewriter.model_name, static=True)
-    for child, columns, is_static in found.edges:
-        flags = np.frombuffer(is_static, dtype=bool)
-        rates.add_columns(child, columns, flags, found.names)
-    return Watch(loaded.store, None, rates), found.end
+    recorded = cast("RecordedArrivals", reader.found)
+    arrivals = Arrivals.of(recorded)
+    began = min((int(columns[1].min()) for _, columns, _ in recorded.edges), default=0)
+    start, end = span_of(arrivals)
+    watch = Watch(loaded.store, chain, began=began, expected=expected, start=start)
+    joints = [(each.parent, each.child) for each in recorded.rewriter.fixed_joints()]
+    watch.take_rows(fixed_rows(watch.judge, joints, recorded.rewriter.model_name, began))
+    watch.take_rows(rows_of(arrivals, watch.judge))
+    if watch.judges:
+        watch.judge.advance(end)
+    if chain is not None:
+        _play(path, watch, chain)
+    screen.show(watch, recorded.end, 0)
 
 
-def _of_chain(
-    recordings: OpenRecordings, rewriter: Rewriter, chain: tuple[str, str]
-) -> tuple[Watch, int]:
+def _play(path: Path, watch: Watch, chain: tuple[str, str]) -> None:
     """Store message by message, and look at the chain after each."""
     store = tfdb.Buffer(history=None)
     tally = Tally(store)
-    tally.store_model(rewriter)
-    for recording in recordings.files:
-        tally.count(recording, recordings.choice)
-    watch: Watch | None = None
-    follower = Follower(Live(store))
-    arrival = 0
-    for run in recordings.read():
-        for index in range(run.first, run.last):
-            one = Run(run.messages, index, index + 1, run.sources)
-            arrival, before = one.start, (tally.commits, tally.refused)
-            tally.store(one, recordings.choice, rewriter)
-            if before == (tally.commits, tally.refused):
-                continue
-            watch = watch or Watch(store, chain, Rates(arrival, 1))
-            watch.take(follower.changes(0.0), arrival)
-    report = tally.report((recordings.names,), 0.0, rewriter, empty=True)
-    warn_of_refused(report.files, report.refused_edges, 2)
+    with common.open_selected([path]) as recordings:
+        rewriter = recordings.rewriter()
+        tally.store_model(rewriter)
+        for run in recordings.read():
+            for index in range(run.first, run.last):
+                one = Run(run.messages, index, index + 1, run.sources)
+                before = store.commit
+                tally.store(one, recordings.choice, rewriter)
+                if store.commit != before:
+                    watch.look_at_chain(store, one.start)
     common.find_frames(store, *chain)
-    return watch or Watch(store, chain, Rates(0, 1)), arrival
 
 
 class Screen:
@@ -294,7 +316,7 @@ class Screen:
                     "static": frame.static,
                     **_figures(delays, seconds),
                     "longest_gap_ns": delays.gap,
-                    "authorities": sorted(frame.authors),
+                    "authorities": list(frame.authors),
                 }
                 for name, frame, delays in rates.of_frames()
                 if watch.shows(name)
@@ -304,6 +326,8 @@ class Screen:
                 for name, delays in rates.of_authors()
             ],
         }
+        if watch.judges:
+            body["events"] = [dataclasses.asdict(event) for event in watch.events()]
         if self._chain is not None:
             net = rates.of_chain()
             body["chain"] = {
@@ -327,13 +351,24 @@ class Screen:
         frames = {
             name: (frame, delays) for name, frame, delays in rates.of_frames() if watch.shows(name)
         }
+        events = watch.events()
+        worst = {event.child: event for event in reversed(events) if event.kind not in CLOCKS}
+        for event in events:
+            if event.child not in frames or event.kind in CLOCKS:
+                yield _event_line(event)
         depths = watch.depths()
-        names = sorted(frames, key=lambda name: list(depths).index(name) if name in depths else -1)
+        place = {name: number for number, name in enumerate(depths)}
+        names = sorted(frames, key=lambda name: place.get(name, -1))
+        names.sort(key=lambda name: worst[name].rank if name in worst else _FINE)
+        shown = names if self._place is None else names[: self._place.console.height // 2]
+        states = {name: (_mark(worst.get(name)),) if watch.judges else () for name in shown}
         yield layout.table(
-            _FRAMES,
-            [_row(name, *frames[name], seconds) for name in names],
-            [depths.get(name, 0) for name in names],
+            [_FRAMES[0], *([_STATE] if watch.judges else []), *_FRAMES[1:]],
+            [_row(name, *frames[name], seconds, states[name]) for name in shown],
+            [depths.get(name, 0) for name in shown],
         )
+        if len(shown) < len(names):
+            yield layout.quiet(f"{len(names) - len(shown):,} more frames")
         why = _why_no_delay((name, frames[name][1]) for name in names)
         if why:
             yield layout.literal(layout.wrap(layout.words(why, *names)))
@@ -362,6 +397,10 @@ class Screen:
         return layout.wrap([*chunks, *layout.words(text)])
 
 
+_FINE = 9, 0, 0
+"""The rank of an edge that meets its expectations."""
+_STATE = layout.Column("state")
+"""With expectations."""
 _FRAMES = (
     layout.Column("frame"),
     layout.Column("parent", 6),
@@ -408,14 +447,32 @@ def _why_no_delay(frames: Iterable[tuple[str, Delays]]) -> str:
     )
 
 
-def _row(name: str, frame: Frame, delays: Delays, seconds: float) -> tuple[Any, ...]:
-    who: Any = ", ".join(each or "unknown" for each in sorted(frame.authors))
+def _event_line(event: Event) -> Text:
+    """Describe an event of no frame that is shown."""
+    words = layout.words(f"{event.subject}: {_state(event)}", event.parent, event.child)
+    return layout.literal(layout.wrap(words))
+
+
+def _state(event: Event) -> str:
+    return f"{event.severity}: {event.kind} {event.measured}".rstrip()
+
+
+def _mark(event: Event | None) -> str | Text:
+    if event is None:
+        return ""
+    return layout.loud(_state(event)) if event.severity in BROKEN else _state(event)
+
+
+def _row(
+    name: str, frame: Frame, delays: Delays, seconds: float, state: tuple[str | Text, ...]
+) -> tuple[Any, ...]:
+    who: Any = ", ".join(each or "unknown" for each in frame.authors)
     if len(frame.authors) > 1:
         who = layout.loud(who)
     if frame.static:
-        return (name, frame.parent, layout.quiet("static"), "", "", "", who)
+        return (name, *state, frame.parent, layout.quiet("static"), "", "", "", who)
     gap = format_duration(delays.gap) if delays.gap else ""
-    return (name, frame.parent, _rate(delays, seconds), *_delays(delays), gap, who)
+    return (name, *state, frame.parent, _rate(delays, seconds), *_delays(delays), gap, who)
 
 
 def _rate(delays: Delays, seconds: float) -> str:

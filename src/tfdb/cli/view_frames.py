@@ -14,7 +14,7 @@ from tfdb.data.new_file import new_file
 from tfdb.data.path_checks import check_path
 from tfdb.data.stamps import format_seconds
 from tfdb.data.time_text import format_duration
-from tfdb.judging.rates import ANOTHER_CLOCK
+from tfdb.judging.events import ANOTHER_CLOCK
 from tfdb.store.summary import Forest
 from tfdb.tf2.all_frames import in_dot
 

@@ -5,7 +5,6 @@ Pure functions over columns: `tfdb check` reads the file, this module judges.
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -21,9 +20,11 @@ from . import motion
 from .events import EVENT_KINDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from tfdb.recordings.arrivals import RecordedArrivals
+
+    from .judge import Judge, Rows
 
 # kind -> (severity, what it means); the documentation lists the same.
 KINDS = {
@@ -138,27 +139,14 @@ class Edge:
         )
 
 
-@dataclass
-class _Columns:
-    """One edge while it grows: arrays of numbers, since recordings hold millions of rows."""
-
-    stamps: array[int] = field(default_factory=lambda: array("q"))
-    arrivals: array[int] = field(default_factory=lambda: array("q"))
-    poses: array[float] = field(default_factory=lambda: array("d"))
-    parents: array[int] = field(default_factory=lambda: array("q"))
-    publishers: array[int] = field(default_factory=lambda: array("q"))
-    static: array[int] = field(default_factory=lambda: array("b"))
-
-
 class Log:
-    """All transforms of a recording; `add` them message by message."""
+    """All transforms of a recording or of a store, edge by edge."""
 
     def __init__(self) -> None:
         self._ids: dict[str, int] = {}
         self.names: list[str] = []
         self.conflicts: Counter[tuple[str, bool]] = Counter()
         """Refused transforms of edges that are of the other kind, by child and whether static."""
-        self._columns: dict[str, _Columns] = defaultdict(_Columns)
         self._edges: list[Edge] = []
 
     @classmethod
@@ -170,6 +158,24 @@ class Log:
         log.conflicts.update(recorded.conflicts)
         for name, columns, static in recorded.edges:
             log._edges.append(Edge(name, *columns, np.frombuffer(static, dtype=bool)))
+        return log
+
+    @classmethod
+    def of_rows(cls, rows: Rows, judge: Judge) -> Log:
+        """Return the log of rows; their numbers are those of a judge."""
+        log = cls()
+        of_authorities = np.array([log._id(each) for each in judge.authority_names], dtype=np.int64)
+        of_edges = np.array([log._id(parent) for parent, _ in judge.edge_names], dtype=np.int64)
+        numbers: dict[str, int] = {}
+        children = [numbers.setdefault(child, len(numbers)) for _, child in judge.edge_names]
+        child_of = np.array(children, dtype=np.int64)[rows.edges]
+        order = np.argsort(child_of, kind="stable")
+        bounds = np.searchsorted(child_of[order], np.arange(len(numbers) + 1))
+        for name, number in numbers.items():
+            mine = rows.at(order[bounds[number] : bounds[number + 1]])
+            parents, publishers = of_edges[mine.edges], of_authorities[mine.authorities]
+            columns = mine.stamps, mine.arrivals, mine.poses, parents, publishers, mine.static
+            log._edges.append(Edge(name, *columns))
         return log
 
     def add_edge(
@@ -193,8 +199,7 @@ class Log:
     @property
     def count(self) -> int:
         """How many transforms there are."""
-        added = sum(len(columns.stamps) for columns in self._columns.values())
-        return added + sum(len(edge.stamps) for edge in self._edges)
+        return sum(len(edge.stamps) for edge in self._edges)
 
     def _id(self, name: str) -> int:
         if name not in self._ids:
@@ -202,38 +207,9 @@ class Log:
             self.names.append(name)
         return self._ids[name]
 
-    def add(
-        self,
-        rows: Iterable[tuple[str, str, int, Sequence[float]]],
-        *,
-        arrival: int,
-        publisher: str,
-        static: bool,
-    ) -> None:
-        """Add one message's transforms: (parent, child, stamp, pose of 7) each."""
-        who = self._id(publisher)
-        for parent, child, stamp, pose in rows:
-            columns = self._columns[child]
-            columns.stamps.append(stamp)
-            columns.arrivals.append(arrival)
-            columns.poses.extend(pose)
-            columns.parents.append(self._id(parent))
-            columns.publishers.append(who)
-            columns.static.append(static)
-
     def edges(self) -> Iterator[Edge]:
         """Return the edges by name."""
         yield from sorted(self._edges, key=lambda edge: edge.name)
-        for name, columns in sorted(self._columns.items()):
-            yield Edge(
-                name,
-                np.array(columns.stamps, dtype=np.int64),
-                np.array(columns.arrivals, dtype=np.int64),
-                np.array(columns.poses, dtype=np.float64).reshape(-1, 7),
-                np.array(columns.parents, dtype=np.int64),
-                np.array(columns.publishers, dtype=np.int64),
-                np.array(columns.static, dtype=bool),
-            )
 
 
 def examine(log: Log, limits: Limits = Limits()) -> list[Finding]:

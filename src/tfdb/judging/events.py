@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from tfdb.data.decimal_time import NS_PER_SECOND
 from tfdb.data.time_text import format_duration, format_when
+
+ANOTHER_CLOCK = 3600 * NS_PER_SECOND
+"""A stamp that is so far from its arrival is of another clock."""
+TIMELY = 10 * NS_PER_SECOND
+"""If the nearest stamp of all is further from its arrival, all are of another clock."""
 
 Severity: TypeAlias = Literal["ok", "warning", "error", "stale"]
 

@@ -12,6 +12,7 @@ from tfdb.data import errors
 
 from .arrivals import Arrivals
 from .doctor import Log
+from .expectations import Expectations
 from .judge import Judge, Rows
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tfdb._core import Buffer, Reads
-    from tfdb.data.types import Changes, Columns
+    from tfdb.data.types import Changes
 
     from .events import Event
 
@@ -47,13 +48,25 @@ def stored_arrivals(state: Reads) -> Arrivals:
 def judge_changes(judge: Judge, changes: Sequence[Changes], arrival: int) -> list[Event]:
     """Judge commits that were read at one time."""
     events: list[Event] = []
-    begun = 0
+    for cleared, rows in stretches(judge, changes, arrival):
+        judge.forget(cleared)
+        events += judge.feed(rows)
+    return events
+
+
+def stretches(
+    judge: Judge, changes: Sequence[Changes], arrival: int
+) -> Iterator[tuple[set[str], Rows]]:
+    """Yield the samples of commits, with the frames that were cleared before them.
+
+    The stamps of such a frame may begin anew.
+    """
+    begun, cleared = 0, set[str]()
     for place, change in enumerate(changes):
-        if change.cleared or change.removed:  # their stamps may begin anew
-            events += judge.feed(rows_of_changes(judge, changes[begun:place], arrival))
-            judge.forget({*change.cleared, *change.removed})
-            begun = place
-    return events + judge.feed(rows_of_changes(judge, changes[begun:], arrival))
+        if change.cleared or change.removed:
+            yield cleared, rows_of_changes(judge, changes[begun:place], arrival)
+            begun, cleared = place, {*change.cleared, *change.removed}
+    yield cleared, rows_of_changes(judge, changes[begun:], arrival)
 
 
 def rows_of_changes(judge: Judge, changes: Sequence[Changes], arrival: int) -> Rows:
@@ -160,50 +173,18 @@ def watch_arrivals(
     live: Followed, seconds: float, progress: Callable[[int, int], None] | None
 ) -> Arrivals:
     """Follow commits for a while, and include existing static edges."""
-    log = _Log()
+    judge = Judge(Expectations(), 0)
     began = time.monotonic()
     with live.store.snapshot() as state:
         live.commit = state.commit
-        for info in state.tree():
-            if info.is_static and info.parent is not None:
-                _, poses, parents = state.samples(info.name)
-                row = (parents[0], info.name, 0, poses[0].tolist())
-                log.add(row, 0, info.authority, static=True)
+        held = held_rows(judge, state, 0)
+        parts = [held.at(held.static)]
     follower = Follower(live)
     while (passed := time.monotonic() - began) < seconds:
         if progress is not None:
             progress(int(passed * 1000), int(seconds * 1000))
         changes = follower.changes(began + min(passed + _BETWEEN, seconds))
-        arrival = live.now()
-        for change in changes:
-            authors = iter(change.authorities)
-            log.add_columns(change.stored, authors, arrival, static=False)
-            log.add_columns(change.stored_static, authors, arrival, static=True)
-    return log.arrivals(follower.missed)
-
-
-class _Log:
-    """Arrivals and their publishers."""
-
-    def __init__(self) -> None:
-        self._log = Log()
-        self._known = False
-
-    def add(
-        self, row: tuple[str, str, int, list[float]], arrival: int, author: str, *, static: bool
-    ) -> None:
-        self._known = self._known or bool(author)
-        self._log.add([row], arrival=arrival, publisher=author, static=static)
-
-    def add_columns(
-        self, columns: Columns, authors: Iterator[str], arrival: int, *, static: bool
-    ) -> None:
-        given = cast("npt.NDArray[np.int64] | None", columns.stamps)
-        stamps = [0] * len(columns) if given is None else given.tolist()
-        for parent, child, stamp, pose in zip(
-            columns.parents, columns.children, stamps, columns.poses.tolist(), strict=True
-        ):
-            self.add((parent, child, stamp, pose), arrival, next(authors), static=static)
-
-    def arrivals(self, missed: int = 0) -> Arrivals:
-        return Arrivals(self._log, self._known, missed=missed)
+        parts.append(rows_of_changes(judge, changes, live.now()))
+    rows = Rows.joined(parts)
+    known = any(judge.authority_names[each] for each in np.unique(rows.authorities).tolist())
+    return Arrivals(Log.of_rows(rows, judge), known, missed=follower.missed)

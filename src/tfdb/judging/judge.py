@@ -16,14 +16,13 @@ import numpy.typing as npt
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 from tfdb.data.errors import InvalidArray
 
-from .events import CLOCKS, EVENT_KINDS, Event
+from .events import ANOTHER_CLOCK, CLOCKS, EVENT_KINDS, Event
 from .expectations import (
     expected_authorities,
     limits_of_authority,
     limits_of_edge,
     matches,
 )
-from .rates import ANOTHER_CLOCK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -70,6 +69,12 @@ class Rows:
     def __len__(self) -> int:
         return len(self.arrivals)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
+        """Return the rows of several batches; without commits."""
+        names = ("arrivals", "edges", "authorities", "stamps", "poses", "static")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
     def at(self, rows: Integers | Flags | slice) -> Rows:
         """Only some rows."""
         return Rows(
@@ -83,7 +88,7 @@ class Rows:
         )
 
 
-class _Groups:
+class Groups:
     """Rows sorted by subject; those of one subject stay in their order."""
 
     def __init__(self, subjects: Integers, rows: Integers) -> None:
@@ -96,16 +101,16 @@ class _Groups:
         self.lasts[:-1] = self.starts[1:]
 
     @classmethod
-    def of(cls, subjects: Integers) -> _Groups:
+    def of(cls, subjects: Integers) -> Groups:
         """Sort all rows of a batch."""
         if (subjects[1:] >= subjects[:-1]).all():
             return cls(subjects, np.arange(len(subjects)))
         order = np.argsort(subjects, kind="stable")
         return cls(subjects[order], order)
 
-    def only(self, chosen: Flags) -> _Groups:
+    def only(self, chosen: Flags) -> Groups:
         """Only some rows."""
-        return _Groups(self.subjects[chosen], self.rows[chosen])
+        return Groups(self.subjects[chosen], self.rows[chosen])
 
     def before(self, values: npt.NDArray[Any], state: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Give each row the value of its subject's row before, the first that of the state."""
@@ -209,8 +214,8 @@ class Judge:
         """Numbers of edges, by parent and child."""
         self.authorities: dict[str, int] = {}
         """Numbers of authorities, by name."""
-        self._edge_names: list[tuple[str, str]] = []
-        self._authority_names: list[str] = []
+        self.edge_names: list[tuple[str, str]] = []
+        self.authority_names: list[str] = []
         self._severities: dict[str, list[Mapping[str, Severity]]] = {
             "edge": [],
             "authority": [],
@@ -255,7 +260,7 @@ class Judge:
         if (np.diff(rows.arrivals) < 0).any():
             raise InvalidArray("arrivals decrease within a batch; sort the rows by arrival")
         drafts = self._go_back(int(rows.arrivals[0]))
-        groups = _Groups.of(rows.edges)
+        groups = Groups.of(rows.edges)
         kinds = self._kinds
         if kinds["missing"].judged:
             due = np.full(len(rows), NEVER)
@@ -266,7 +271,7 @@ class Judge:
                 values = np.full(int(bad.sum()), np.nan)
                 drafts += _samples(kinds[name], groups.only(bad), rows.arrivals, values)
         if kinds["liveliness"].judged:
-            writers = _Groups.of(rows.authorities)
+            writers = Groups.of(rows.authorities)
             drafts += _repeating(kinds["liveliness"], writers, rows.arrivals)
         if rows.static.any():
             groups = groups.only(~rows.static[groups.rows])
@@ -290,8 +295,8 @@ class Judge:
     def _add_edges(self, pairs: Sequence[tuple[str, str]], *, begun: bool = False) -> None:
         found = [limits_of_edge(self._expectations, *pair) for pair in pairs]
         for pair in pairs:
-            self.edges[pair] = len(self._edge_names)
-            self._edge_names.append(pair)
+            self.edges[pair] = len(self.edge_names)
+            self.edge_names.append(pair)
         for each in found:
             self._lists.setdefault(tuple(each.authority), len(self._lists))
         lists = np.array([self._lists[tuple(each.authority)] for each in found], dtype=np.int64)
@@ -323,8 +328,8 @@ class Judge:
     def _add_authorities(self, names: Sequence[str], *, begun: bool = False) -> None:
         found = [limits_of_authority(self._expectations, name) if name else None for name in names]
         for name in names:
-            self.authorities[name] = len(self._authority_names)
-            self._authority_names.append(name)
+            self.authorities[name] = len(self.authority_names)
+            self.authority_names.append(name)
         self._rank()
         self._severities["authority"] += [each.severity if each else {} for each in found]
         limits = [each.liveliness if each else None for each in found]
@@ -334,9 +339,9 @@ class Judge:
         """Number the authorities of each list by strength."""
         lists = (list_ for list_, _ in sorted(self._lists.items(), key=lambda each: each[1]))
         self._ranks = np.array(
-            [[_rank_in(list_, name) for name in self._authority_names] for list_ in lists],
+            [[_rank_in(list_, name) for name in self.authority_names] for list_ in lists],
             dtype=np.int64,
-        ).reshape(len(self._lists), len(self._authority_names))
+        ).reshape(len(self._lists), len(self.authority_names))
 
     def _go_back(self, now: int) -> list[_Draft]:
         """Where the clock goes back, all that is waited for goes back with it: a time jump."""
@@ -349,31 +354,31 @@ class Judge:
         self._now = now
         if back <= JUMP:
             return []
-        clock = _Groups(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
+        clock = Groups(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
         kind, times = self._kinds["time-jump"], np.array([now])
         drafts = _samples(kind, clock, times, np.array([back / NS]))
         return [replace(draft, row=None) for draft in drafts]
 
-    def _judge_motion(self, rows: Rows, groups: _Groups) -> list[_Draft]:
+    def _judge_motion(self, rows: Rows, groups: Groups) -> list[_Draft]:
         """Judge stamps and poses of moving samples."""
         drafts: list[_Draft] = []
         if self._by_stamps:
             order = np.sort(groups.rows)
             away = np.abs(rows.stamps[order] - rows.arrivals[order])
             off = away > ANOTHER_CLOCK
-            clock = _Groups(np.zeros(int(off.sum()), dtype=np.int64), order[off])
+            clock = Groups(np.zeros(int(off.sum()), dtype=np.int64), order[off])
             drafts += _samples(self._kinds["two-clocks"], clock, rows.arrivals, away[off] / NS)
         jumps = np.zeros(len(rows))
         while len(groups.rows):
             groups = self._judge_stretch(rows, groups, jumps, drafts)
         at = np.flatnonzero(jumps)
-        clock = _Groups(np.zeros(len(at), dtype=np.int64), at)
+        clock = Groups(np.zeros(len(at), dtype=np.int64), at)
         drafts += _samples(self._kinds["time-jump"], clock, rows.arrivals, jumps[at])
         return drafts
 
     def _judge_stretch(
-        self, rows: Rows, groups: _Groups, jumps: Floats, drafts: list[_Draft]
-    ) -> _Groups:
+        self, rows: Rows, groups: Groups, jumps: Floats, drafts: list[_Draft]
+    ) -> Groups:
         """Judge each edge up to the first jump of its stamps; return the rows after the jumps."""
         stamps, arrivals = rows.stamps[groups.rows], rows.arrivals[groups.rows]
         newest = groups.greatest(stamps, self._newest)
@@ -427,7 +432,7 @@ class Judge:
         return groups.only(after)
 
     def _judge_poses(
-        self, rows: Rows, groups: _Groups, before: Integers, drafts: list[_Draft]
+        self, rows: Rows, groups: Groups, before: Integers, drafts: list[_Draft]
     ) -> None:
         """Judge each new pose against that of the newest stamp before it."""
         kinds = self._kinds
@@ -445,7 +450,7 @@ class Judge:
         self._limit("turn", rows, groups, turn, drafts)
 
     def _limit(
-        self, name: str, rows: Rows, groups: _Groups, values: Floats, drafts: list[_Draft]
+        self, name: str, rows: Rows, groups: Groups, values: Floats, drafts: list[_Draft]
     ) -> None:
         """Report the rows with values over the limits of their edges."""
         kind = self._kinds[name]
@@ -476,14 +481,14 @@ class Judge:
         began = self.active.pop(key, None)
         parent, child, authority = "", "", ""
         if of == "edge":
-            parent, child = self._edge_names[subject]
+            parent, child = self.edge_names[subject]
         elif of == "authority":
-            authority = self._authority_names[subject]
+            authority = self.authority_names[subject]
         if began is not None:
             parent, child, authority = began.parent, began.child, began.authority
         elif row is not None and rows is not None and not kind.silence:
-            parent, child = self._edge_names[int(rows.edges[row])]
-            authority = self._authority_names[int(rows.authorities[row])]
+            parent, child = self.edge_names[int(rows.edges[row])]
+            authority = self.authority_names[int(rows.authorities[row])]
         commits = None if rows is None or row is None else rows.commits
         if draft.begins and kind.silence:
             kind.counts[subject] += 1
@@ -527,13 +532,13 @@ def _rank_in(names: tuple[str, ...], name: str) -> int:
     return next((place for place, each in enumerate(names) if matches(each, name)), -1)
 
 
-def _repeating(kind: _Kind, groups: _Groups, arrivals: Integers) -> list[_Draft]:
+def _repeating(kind: _Kind, groups: Groups, arrivals: Integers) -> list[_Draft]:
     """Report silences between rows."""
     due = arrivals[groups.rows] + kind.lengths[groups.subjects]
     return _silences(kind, groups, arrivals, due)
 
 
-def _silences(kind: _Kind, groups: _Groups, arrivals: Integers, due: Integers) -> list[_Draft]:
+def _silences(kind: _Kind, groups: Groups, arrivals: Integers, due: Integers) -> list[_Draft]:
     """Report rows that came after what was due, and rows after which more is due already."""
     times, subjects = arrivals[groups.rows], groups.subjects
     due_before = groups.before(due, kind.due)
@@ -554,7 +559,7 @@ def _silences(kind: _Kind, groups: _Groups, arrivals: Integers, due: Integers) -
     return drafts
 
 
-def _samples(kind: _Kind, groups: _Groups, arrivals: Integers, values: Floats) -> list[_Draft]:
+def _samples(kind: _Kind, groups: Groups, arrivals: Integers, values: Floats) -> list[_Draft]:
     """Report rows that break a limit, those with less than SETTLE between them as one event."""
     if not len(values):
         return []

@@ -16,10 +16,9 @@ from tfdb.recordings.selection import Selection
 
 from .arrivals import Arrivals
 from .doctor import Finding
-from .events import EVENT_KINDS
+from .events import EVENT_KINDS, TIMELY
 from .expectations import AuthorityExpectation, Expectation, Expectations
 from .judge import Judge, Rows
-from .rates import TIMELY
 
 if TYPE_CHECKING:
     import os
@@ -47,7 +46,7 @@ def recorded_arrivals(paths: Sequence[str | os.PathLike[str]]) -> Arrivals:
 
 def judge_recording(arrivals: Arrivals, expectations: Expectations) -> list[Event]:
     """Judge the transforms of a recording, from its first arrival to its last."""
-    start, end = _span(arrivals)
+    start, end = span_of(arrivals)
     judge = Judge(expectations, start)
     return [*judge.feed(rows_of(arrivals, judge)), *judge.advance(end)]
 
@@ -83,7 +82,7 @@ def _finding(events: Sequence[Event]) -> Finding:
 def rows_of(arrivals: Arrivals, judge: Judge) -> Rows:
     """Return all transforms in the order of arrival; a static one arrives at the start at least."""
     names, edges = arrivals.log.names, list(arrivals.log.edges())
-    start, _ = _span(arrivals)
+    start, _ = span_of(arrivals)
     numbers, writers = [], []
     for edge in edges:
         parents, inverse = np.unique(edge.parents, return_inverse=True)
@@ -105,6 +104,21 @@ def rows_of(arrivals: Arrivals, judge: Judge) -> Rows:
     ).at(order)
 
 
+def fixed_rows(
+    judge: Judge, pairs: Sequence[tuple[str, str]], authority: str, arrival: int
+) -> Rows:
+    """Return static samples of edges, by parent and child, that arrive at one time."""
+    count = len(pairs)
+    return Rows(
+        np.full(count, arrival),
+        judge.number_edges([parent for parent, _ in pairs], [child for _, child in pairs]),
+        judge.number_authorities([authority] * count),
+        np.zeros(count, dtype=np.int64),
+        np.zeros((count, 7)),
+        np.ones(count, dtype=bool),
+    )
+
+
 def propose(*paths: str | os.PathLike[str]) -> Expectations:
     """Propose limits for every edge and authority of a good recording, which meets them itself.
 
@@ -117,7 +131,7 @@ def propose(*paths: str | os.PathLike[str]) -> Expectations:
 
 def propose_for(arrivals: Arrivals) -> Expectations:
     """Propose limits for what was read already."""
-    start, end = _span(arrivals)
+    start, end = span_of(arrivals)
     rows = rows_of(arrivals, judge := Judge(Expectations(), start))
     moving = rows.at(~rows.static)
     away = np.abs(moving.arrivals - moving.stamps)
@@ -181,7 +195,7 @@ def _round_up(value: float) -> float | None:
     return float(f"{math.ceil(value / 10.0**power + 1e-9)}e{power}")
 
 
-def _span(arrivals: Arrivals) -> tuple[int, int]:
+def span_of(arrivals: Arrivals) -> tuple[int, int]:
     """Return the first and last arrival of what moves; 0, 0 where nothing moves."""
     moving = [edge.moving.arrivals for edge in arrivals.log.edges()]
     known = [each for each in moving if len(each)]

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from dataclasses import dataclass, field
+from collections import defaultdict, deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
 
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 
+from .events import ANOTHER_CLOCK, TIMELY
+from .judge import Groups
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Collection, Iterator
 
-    import numpy as np
-    import numpy.typing as npt
-
-    from tfdb.recordings.arrivals import Columns
+    from .judge import Integers, Judge, Rows
 
 
-ANOTHER_CLOCK = 3600 * NS
-"""No stamp that is so far from its arrival is of the arrival's clock."""
-TIMELY = 10 * NS
-"""Where no stamp is so near to its arrival, all are of another clock."""
-
-
-@dataclass
+@dataclass(frozen=True)
 class Delays:
     """Times from a stamp to its arrival, in nanoseconds, over some period.
 
@@ -31,71 +28,103 @@ class Delays:
     """
 
     count: int = 0
-    timed: int = 0
-    total: int = 0
+    mean: int | None = None
+    """None without any."""
     longest: int | None = None
     gap: int = 0
+    """The longest time between two stamps."""
     nearest: int | None = None
     """From a stamp of any clock to its arrival: the one that is nearest to 0."""
 
-    def add(self, delay: int, gap: int = 0) -> None:
-        """Count one arrival, so long after its stamp, which is so far from the one before."""
-        self.count += 1
-        self.gap = max(self.gap, gap)
-        self._take_nearest(delay)
-        if abs(delay) < ANOTHER_CLOCK:
-            self.timed += 1
-            self.total += delay
-            self.longest = delay if self.longest is None else max(self.longest, delay)
 
-    def add_many(self, delays: npt.NDArray[np.int64]) -> None:
-        """Count arrivals, so long after their stamps."""
-        self.count += len(delays)
-        if len(delays):
-            self._take_nearest(int(delays[abs(delays).argmin()]))
-        timed = delays[abs(delays) < ANOTHER_CLOCK]
-        if len(timed):
-            self.timed += len(timed)
-            # In halves, of which no sum overflows.
-            self.total += (int((timed >> 32).sum()) << 32) + int((timed & 0xFFFFFFFF).sum())
-            longest = int(timed.max())
-            self.longest = longest if self.longest is None else max(self.longest, longest)
-
-    def join(self, other: Delays) -> None:
-        """Take those of another period, too."""
-        self.count += other.count
-        self.timed += other.timed
-        self.total += other.total
-        self.gap = max(self.gap, other.gap)
-        if other.nearest is not None:
-            self._take_nearest(other.nearest)
-        if other.longest is not None:
-            self.longest = (
-                other.longest if self.longest is None else max(self.longest, other.longest)
-            )
-
-    def _take_nearest(self, delay: int) -> None:
-        self.nearest = delay if self.nearest is None else min(self.nearest, delay, key=abs)
-
-    def without(self) -> Delays:
-        """The same counts without any delay."""
-        return Delays(self.count, gap=self.gap, nearest=self.nearest)
-
-    @property
-    def mean(self) -> int | None:
-        """Nanoseconds; None without any."""
-        return self.total // self.timed if self.timed else None
-
-
-@dataclass
+@dataclass(frozen=True)
 class Frame:
-    """One frame: publishers, parent, and delays per period."""
+    """One frame: its parent and its publishers."""
 
     parent: str
     static: bool
-    authors: Counter[str] = field(default_factory=Counter)
-    newest: int | None = None
-    periods: deque[Delays] = field(default_factory=lambda: deque([Delays()]))
+    authors: tuple[str, ...]
+
+
+_COUNT, _TIMED, _TOTAL, _LONGEST, _GAP, _BEHIND, _AHEAD = range(7)
+_NOTHING = np.array([0, 0, 0, -np.inf, 0, np.inf, -np.inf])
+"""What a period has of each subject: three sums, then the greatest, but of `_BEHIND` the least."""
+
+
+class _Sums:
+    """Delays of numbered subjects over the last periods: one array a period, a column a subject."""
+
+    def __init__(self, window: int) -> None:
+        self._periods = deque([_columns(0)], maxlen=window)
+
+    def next_period(self) -> None:
+        """Begin another period."""
+        self._periods.append(_columns(0))
+
+    def grow(self, count: int) -> npt.NDArray[np.float64]:
+        """Return the newest period, with a column for so many subjects."""
+        now = self._periods[-1]
+        if now.shape[1] < count:
+            self._periods[-1] = now = np.hstack([now, _columns(count - now.shape[1])])
+        return now
+
+    def count(self, subjects: Integers) -> None:
+        """Count arrivals without a delay."""
+        now = self.grow(int(subjects.max(initial=-1)) + 1)
+        now[_COUNT] += np.bincount(subjects, minlength=now.shape[1])
+
+    def add(self, subjects: Integers, delays: Integers) -> None:
+        """Count arrivals, so long after their stamps."""
+        self.count(subjects)
+        now = self._periods[-1]
+        behind = delays >= 0
+        np.minimum.at(now[_BEHIND], subjects[behind], delays[behind])
+        np.maximum.at(now[_AHEAD], subjects[~behind], delays[~behind])
+        timed = np.abs(delays) < ANOTHER_CLOCK
+        subjects, delays = subjects[timed], delays[timed]
+        now[_TIMED] += np.bincount(subjects, minlength=now.shape[1])
+        now[_TOTAL] += np.bincount(subjects, delays, minlength=now.shape[1])
+        np.maximum.at(now[_LONGEST], subjects, delays)
+
+    def all(self, *, apart: bool = False) -> list[Delays]:
+        """Return the delays of each subject over the periods; `apart`: without the delays."""
+        whole = self._joined()
+        return [_delays(column, apart=apart) for column in whole.T.tolist()]
+
+    def nearest(self) -> float:
+        """How near any stamp of these is to its arrival; infinity without any."""
+        whole = self._joined()
+        return float(np.minimum(whole[_BEHIND], -whole[_AHEAD]).min(initial=np.inf))
+
+    def _joined(self) -> npt.NDArray[np.float64]:
+        whole = _columns(max(period.shape[1] for period in self._periods))
+        for period in self._periods:
+            part = whole[:, : period.shape[1]]
+            part[: _TOTAL + 1] += period[: _TOTAL + 1]
+            for row, join in _JOINS:
+                join(part[row], period[row], out=part[row])
+        return whole
+
+
+_JOINS = (
+    (_LONGEST, np.maximum),
+    (_GAP, np.maximum),
+    (_BEHIND, np.minimum),
+    (_AHEAD, np.maximum),
+)
+
+
+def _columns(count: int) -> npt.NDArray[np.float64]:
+    return np.repeat(_NOTHING[:, None], count, axis=1)
+
+
+def _delays(column: list[float], *, apart: bool) -> Delays:
+    count, timed, total, longest, gap, behind, ahead = column
+    known = min(behind, -ahead) < np.inf
+    nearest = int(behind if behind <= -ahead else ahead) if known else None
+    if apart or not timed:
+        return Delays(int(count), None, None, int(gap), nearest)
+    return Delays(int(count), int(total // timed), int(longest), int(gap), nearest)
 
 
 class Rates:
@@ -103,91 +132,69 @@ class Rates:
 
     Parameters
     ----------
+    judge
+        Numbers the edges and authorities.
     began
         When it began to look, in nanoseconds of any clock that does not jump.
     window
         How many periods count.
     """
 
-    def __init__(self, began: int, window: int) -> None:
-        self._window = window
-        self._began: deque[int] = deque([began])
-        self.frames: dict[str, Frame] = {}
-        """By name."""
-        self._authors: dict[str, deque[Delays]] = {}
-        self.net: deque[Delays] = deque([Delays()])
+    def __init__(self, judge: Judge, began: int, window: int) -> None:
+        self._judge = judge
+        self._began: deque[int] = deque([began], maxlen=window)
+        self._numbers: dict[str, int] = {}
+        self._frame_of = np.zeros(0, dtype=np.int64)
+        """By edge: the number of its child."""
+        self._edges = np.zeros(0, dtype=np.int64)
+        """By frame: its newest edge."""
+        self._static = np.zeros(0, dtype=bool)
+        self._newest = np.zeros(0, dtype=np.int64)
+        self._author = np.zeros(0, dtype=np.int64)
+        self._authors: dict[int, set[int]] = defaultdict(set)
+        self._of_frames, self._of_authors = _Sums(window), _Sums(window)
+        self._net = _Sums(window)
 
-    def add(
-        self, edge: tuple[str, str], stamp: int, arrival: int, author: str, *, static: bool
-    ) -> None:
-        """Count the arrival of (parent, child)."""
-        parent, child = edge
-        frame = self.frames.get(child)
-        if frame is None:
-            frame = self.frames[child] = Frame(parent, static)
-        frame.parent, frame.static = parent, static
-        frame.authors[author] += 1
-        sent = self._authors.setdefault(author, deque([Delays()]))
-        if static:
-            frame.periods[-1].count += 1
-            sent[-1].count += 1
+    def add(self, rows: Rows) -> None:
+        """Count samples."""
+        if not len(rows):
             return
-        gap = 0 if frame.newest is None else stamp - frame.newest
-        frame.newest = stamp if frame.newest is None else max(stamp, frame.newest)
-        frame.periods[-1].add(arrival - stamp, gap)
-        sent[-1].add(arrival - stamp)
+        self._number_frames()
+        frames = self._frame_of[rows.edges]
+        self._edges[frames], self._static[frames] = rows.edges, rows.static
+        other = self._author[frames] != rows.authorities
+        self._author[frames] = rows.authorities
+        pairs = np.stack([frames[other], rows.authorities[other]])
+        for frame, author in np.unique(pairs, axis=1).T.tolist():
+            self._authors[frame].add(author)
+        if rows.static.any():
+            self._of_frames.count(frames[rows.static])
+            self._of_authors.count(rows.authorities[rows.static])
+            rows = rows.at(~rows.static)
+            frames = self._frame_of[rows.edges]
+        delays = rows.arrivals - rows.stamps
+        self._of_frames.add(frames, delays)
+        self._of_authors.add(rows.authorities, delays)
+        groups = Groups.of(frames)
+        newest = groups.greatest(rows.stamps[groups.rows], self._newest)
+        before = groups.before(newest, self._newest)
+        gaps = np.where(before < 0, 0, rows.stamps[groups.rows] - before)
+        np.maximum.at(self._of_frames.grow(0)[_GAP], groups.subjects, gaps)
+        self._newest[groups.subjects[groups.lasts]] = newest[groups.lasts]
 
-    def add_columns(
-        self,
-        child: str,
-        columns: Columns,
-        static: npt.NDArray[np.bool_],
-        names: Sequence[str],
-    ) -> None:
-        """Count a recorded edge's arrivals.
-
-        `names` are those of the parents and publishers.
-        """
-        import numpy as np
-
-        stamps, arrivals, _, parents, publishers = columns
-        newest = np.maximum.accumulate(stamps)
-        moving = ~static
-        frame = Frame(names[parents[-1]], bool(static[-1]))
-        self.frames[child] = frame
-        if not frame.static:
-            frame.newest = int(newest[-1])
-        period = frame.periods[-1]
-        period.add_many((arrivals - stamps)[moving])
-        period.count += int(static.sum())
-        period.gap = int((stamps[1:] - newest[:-1])[moving[1:]].max(initial=0))
-        for number in np.unique(publishers).tolist():
-            theirs = publishers == number
-            frame.authors[names[number]] = int(theirs.sum())
-            sent = self._authors.setdefault(names[number], deque([Delays()]))[-1]
-            sent.add_many((arrivals - stamps)[theirs & moving])
-            sent.count += int((theirs & static).sum())
-
-    def forget_stamps(self, name: str) -> None:
-        """Restart a frame whose samples were dropped, as when time jumps back."""
-        frame = self.frames.get(name)
-        if frame is not None:
-            frame.newest = None
+    def forget(self, frames: Collection[str]) -> None:
+        """Restart frames whose samples were dropped, as when time jumps back."""
+        self._newest[[self._numbers[name] for name in frames if name in self._numbers]] = -1
 
     def add_net(self, delay: int) -> None:
         """Count the delay of the chain that is watched."""
-        self.net[-1].add(delay)
+        self._net.add(np.zeros(1, dtype=np.int64), np.array([delay]))
 
     def next_period(self, now: int) -> None:
         """Begin another period, and forget those that are too long ago."""
         self._began.append(now)
-        while len(self._began) > self._window:
-            self._began.popleft()
-        of_frames = (frame.periods for frame in self.frames.values())
-        for each in (self.net, *of_frames, *self._authors.values()):
-            each.append(Delays())
-            while len(each) > len(self._began):
-                each.popleft()
+        for each in (self._of_frames, self._of_authors, self._net):
+            each.next_period()
 
     def seconds(self, now: int) -> float:
         """How long the periods are that count."""
@@ -195,32 +202,43 @@ class Rates:
 
     def of_frames(self) -> Iterator[tuple[str, Frame, Delays]]:
         """Each frame with the delays that count, by name."""
-        apart = self._are_apart()
-        for name, frame in sorted(self.frames.items()):
-            delays = joined(frame.periods)
-            yield name, frame, delays.without() if apart else delays
+        self._of_frames.grow(len(self._numbers))
+        found = self._of_frames.all(apart=self._are_apart())
+        names, pairs = self._judge.authority_names, self._judge.edge_names
+        for name, number in sorted(self._numbers.items()):
+            if self._edges[number] < 0:  # it is expected, and has not come
+                continue
+            authors = tuple(sorted(names[author] for author in self._authors[number]))
+            edge = pairs[self._edges[number]]
+            yield name, Frame(edge[0], bool(self._static[number]), authors), found[number]
 
     def of_authors(self) -> list[tuple[str, Delays]]:
         """Each publisher with the delays of all that it sent, by name."""
-        apart = self._are_apart()
-        found = ((name, joined(periods)) for name, periods in sorted(self._authors.items()))
-        return [(name, delays.without() if apart else delays) for name, delays in found]
+        self._of_authors.grow(len(self._judge.authority_names))
+        found = self._of_authors.all(apart=self._are_apart())
+        seen = set[int]().union(*self._authors.values())
+        named = zip(self._judge.authority_names, found, strict=True)
+        return sorted(each for number, each in enumerate(named) if number in seen)
 
     def of_chain(self) -> Delays:
         """The delays of the chain that is watched."""
-        net = joined(self.net)
-        return net.without() if self._are_apart() else net
+        self._net.grow(1)
+        return self._net.all(apart=self._are_apart())[0]
 
     def _are_apart(self) -> bool:
         """Whether no stamp of any frame is near to its arrival: all are of another clock."""
-        nearest = (joined(frame.periods).nearest for frame in self.frames.values())
-        known = [abs(each) for each in nearest if each is not None]
-        return bool(known) and min(known) > TIMELY
+        return TIMELY < self._of_frames.nearest() < np.inf
 
-
-def joined(periods: deque[Delays]) -> Delays:
-    """All periods as one."""
-    whole = Delays()
-    for period in periods:
-        whole.join(period)
-    return whole
+    def _number_frames(self) -> None:
+        """Number the children of new edges."""
+        known = len(self._frame_of)
+        new = [child for _, child in self._judge.edge_names[known:]]
+        if not new:
+            return
+        numbers = [self._numbers.setdefault(child, len(self._numbers)) for child in new]
+        self._frame_of = np.append(self._frame_of, numbers)
+        added = len(self._numbers) - len(self._edges)
+        self._edges = np.append(self._edges, np.full(added, -1))
+        self._static = np.append(self._static, np.zeros(added, dtype=bool))
+        self._newest = np.append(self._newest, np.full(added, -1))
+        self._author = np.append(self._author, np.full(added, -1))
