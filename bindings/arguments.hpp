@@ -10,6 +10,9 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
+
+#include "errors.hpp"
 
 namespace nb = nanobind;
 
@@ -93,6 +96,23 @@ std::string option_of(nb::handle object, const char* role);
 
 /// Throws TypeError for what cannot be iterated; `wanted` names what it should be.
 void check_many(nb::handle object, const char* role, const char* wanted);
+
+/// Reads each item of a sequence; an error gets its index. Returns what keeps the items: a tuple,
+/// as reading one may run code that changes the sequence.
+template <class Item, class Read>
+[[nodiscard]] nb::object read_items(nb::handle sequence, std::vector<Item>& items, Read read) {
+    nb::object kept = nb::steal(PySequence_Tuple(sequence.ptr()));
+    if (!kept.is_valid()) {
+        throw nb::python_error();
+    }
+    items.resize(static_cast<std::size_t>(NB_TUPLE_GET_SIZE(kept.ptr())));
+    for (std::size_t i = 0; i < items.size(); ++i) {
+        look_for_signals(i);
+        PyObject* const item = NB_TUPLE_GET_ITEM(kept.ptr(), static_cast<Py_ssize_t>(i));
+        at_index(i, [&] { items[i] = read(item); });
+    }
+    return kept;
+}
 
 /// True or False; omitted: False. Throws TypeError for anything else.
 bool flag_of(PyObject* flag, const char* role);

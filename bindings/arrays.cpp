@@ -223,18 +223,7 @@ void Stamps::check_apart(nb::handle out) const {
 }
 
 void Stamps::read_sequence(nb::handle object) {
-    // A tuple of its own: converting an item may run code that changes the list.
-    const nb::object items = nb::steal(PySequence_Tuple(object.ptr()));
-    if (!items.is_valid()) {
-        throw nb::python_error();
-    }
-    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
-    copy_.resize(count);
-    for (std::size_t i = 0; i < count; ++i) {
-        look_for_signals(i);
-        PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
-        at_index(i, [&] { copy_[i] = stamp_of(item); });
-    }
+    (void)read_items(object, copy_, [](PyObject* item) { return stamp_of(item); });
     values_ = copy_;
 }
 

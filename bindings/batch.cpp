@@ -376,17 +376,8 @@ void EdgesWanted::read_names(nb::handle names) {
         throw nb::python_error();
     }
     check_many(names, "frames", kWanted);
-    kept_ = nb::steal(PySequence_Tuple(names.ptr()));
-    if (!kept_.is_valid()) {
-        throw nb::python_error();
-    }
-    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(kept_.ptr()));
-    frames_.resize(count);
-    for (std::size_t i = 0; i < count; ++i) {
-        look_for_signals(i);
-        PyObject* const item = NB_TUPLE_GET_ITEM(kept_.ptr(), static_cast<Py_ssize_t>(i));
-        at_index(i, [&] { frames_[i].name = name_of(item, "frames"); });
-    }
+    kept_ = read_items(names, frames_,
+                       [](PyObject* item) { return FrameRef{name_of(item, "frames")}; });
 }
 
 void EdgesWanted::make_rows(nb::handle out, nb::handle dtype) {

@@ -78,17 +78,7 @@ FrameNames::FrameNames(nb::handle names) {
         return;
     }
     check_many(names, "names", "a frame's name or a sequence of them");
-    kept_ = nb::steal(PySequence_Tuple(names.ptr()));
-    if (!kept_.is_valid()) {
-        throw nb::python_error();
-    }
-    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(kept_.ptr()));
-    views_.resize(count);
-    for (std::size_t i = 0; i < count; ++i) {
-        look_for_signals(i);
-        PyObject* const item = NB_TUPLE_GET_ITEM(kept_.ptr(), static_cast<Py_ssize_t>(i));
-        at_index(i, [&] { views_[i] = name_of(item, "names"); });
-    }
+    kept_ = read_items(names, views_, [](PyObject* item) { return name_of(item, "names"); });
 }
 
 TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp,
