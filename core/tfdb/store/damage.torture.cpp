@@ -15,7 +15,6 @@
 #include <array>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <ctime>
 #include <optional>
@@ -30,6 +29,7 @@
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/fixture.hpp"
 #include "tfdb/store/store.hpp"
+#include "tfdb/testing/options.hpp"
 
 namespace tfdb {
 namespace {
@@ -392,14 +392,7 @@ void sync::about_to_store() noexcept {}
 int main(int argc, char** argv) {
     unsigned seconds = 20;
     unsigned seed = 1;
-    for (int i = 1; i + 1 < argc; i += 2) {
-        const std::string name = argv[i];
-        const auto value = static_cast<unsigned>(std::strtoul(argv[i + 1], nullptr, 10));
-        if (name == "--seconds")
-            seconds = value;
-        else if (name == "--seed")
-            seed = value;
-    }
+    tfdb::testing::read_options(argc, argv, {{"--seconds", seconds}, {"--seed", seed}});
     std::printf("seed %u\n", seed);
     return tfdb::torture(seconds, seed);
 }

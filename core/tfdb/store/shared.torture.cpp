@@ -36,6 +36,7 @@
 #include "tfdb/store/fixture.hpp"
 #include "tfdb/store/transaction.hpp"
 #include "tfdb/sync/word.hpp"
+#include "tfdb/testing/options.hpp"
 
 namespace tfdb {
 namespace {
@@ -942,18 +943,13 @@ void sync::about_to_store() noexcept {
 
 int main(int argc, char** argv) {
     tfdb::Options options;
-    for (int i = 1; i + 1 < argc; i += 2) {
-        const std::string name = argv[i];
-        const auto value = static_cast<unsigned>(std::strtoul(argv[i + 1], nullptr, 10));
-        if (name == "--seconds")
-            options.seconds = value;
-        else if (name == "--seed")
-            options.seed = value;
-        else if (name == "--writers")
-            options.writers = std::min(value, tfdb::kMostWriters);
-        else if (name == "--readers")
-            options.readers = std::min(value, tfdb::kMostReaders);
-    }
+    tfdb::testing::read_options(argc, argv,
+                                {{"--seconds", options.seconds},
+                                 {"--seed", options.seed},
+                                 {"--writers", options.writers},
+                                 {"--readers", options.readers}});
+    options.writers = std::min(options.writers, tfdb::kMostWriters);
+    options.readers = std::min(options.readers, tfdb::kMostReaders);
     std::signal(SIGALRM, tfdb::no_progress);
     std::printf("seed %u, %u writers, %u readers\n", options.seed, options.writers,
                 options.readers);
