@@ -101,6 +101,12 @@ nb::object apply(BufferObject& self, nb::handle data, nb::handle source, nb::han
     return position;
 }
 
+bool forget_source(BufferObject& self, nb::handle source) {
+    const std::string_view name = name_of(source, "source");
+    const LongWork work(true);
+    return self.open_store().forget_source(name);
+}
+
 nb::list positions(BufferObject& self) {
     nb::list records;
     for (const Position& position : self.open_store().positions())
@@ -163,7 +169,8 @@ prefix
     Text before the name of each frame, such as `robot1/`. It is fixed by the first call, and must
     not be the beginning of another source's prefix.
 shared
-    Frames that get no prefix, such as `map`. Give the same ones with every call.
+    Frames that get no prefix, such as `map`. Give the same ones with every call; a state may be
+    applied with others.
 source
     What this store calls the other one.
 
@@ -175,9 +182,12 @@ Position
 Raises
 ------
 OutOfOrder
-    Commits before these are missing, or they are of a later epoch: apply a state first.
+    Commits before these are missing, or they are of a later epoch, or the position was reached
+    with other frames (`frames` of `commits_bytes` and `state_bytes`, or `shared`): apply a state
+    first.
 Fenced
-    They are of an epoch that has ended.
+    They are of an epoch that has ended. If the clock of the source was set back, call
+    `forget_source`, then apply a state.
 CorruptMessage
     The bytes are damaged, cut short, or of another version; `offset` is the byte.
 InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
@@ -217,6 +227,16 @@ void bind_commits(nb::class_<BufferObject, ReadsObject>& type) {
              nb::sig("def apply(self, data: bytes, *, source: str = '', prefix: str = '', "
                      "shared: str | collections.abc.Iterable[str] = ()) -> tfdb.types.Position"),
              kApplyDoc);
+    type.def("forget_source", &forget_source, nb::arg("source").none(),
+             nb::sig("def forget_source(self, source: str) -> bool"),
+             R"(Forget how far the commits of a source have been applied.
+
+For a source that begins anew while its clock is behind, so that `apply` raises Fenced. The next
+bytes of it must be a state, of any epoch, which replaces what it had: its frames stay until then. Its
+name and its prefix stay taken.
+
+Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
+ReadOnly, LockTimeout, NotSupported, TransactionActive.)");
     type.def("positions", &positions, nb::sig("def positions(self) -> list[tfdb.types.Position]"),
              R"(Return how far the commits of each source have been applied.
 

@@ -949,7 +949,8 @@ class NativeBuffer(Reads):
             Text before the name of each frame, such as `robot1/`. It is fixed by the first call, and must
             not be the beginning of another source's prefix.
         shared
-            Frames that get no prefix, such as `map`. Give the same ones with every call.
+            Frames that get no prefix, such as `map`. Give the same ones with every call; a state may be
+            applied with others.
         source
             What this store calls the other one.
 
@@ -961,9 +962,12 @@ class NativeBuffer(Reads):
         Raises
         ------
         OutOfOrder
-            Commits before these are missing, or they are of a later epoch: apply a state first.
+            Commits before these are missing, or they are of a later epoch, or the position was reached
+            with other frames (`frames` of `commits_bytes` and `state_bytes`, or `shared`): apply a state
+            first.
         Fenced
-            They are of an epoch that has ended.
+            They are of an epoch that has ended. If the clock of the source was set back, call
+            `forget_source`, then apply a state.
         CorruptMessage
             The bytes are damaged, cut short, or of another version; `offset` is the byte.
         InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
@@ -975,6 +979,18 @@ class NativeBuffer(Reads):
             As of a write.
 
         Of these bytes the commits before the refused one are applied; it and later ones are not.
+        """
+
+    def forget_source(self, source: str) -> bool:
+        """
+        Forget how far the commits of a source have been applied.
+
+        For a source that begins anew while its clock is behind, so that `apply` raises Fenced. The next
+        bytes of it must be a state, of any epoch, which replaces what it had: its frames stay until then. Its
+        name and its prefix stay taken.
+
+        Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
+        ReadOnly, LockTimeout, NotSupported, TransactionActive.
         """
 
     def positions(self) -> list[tfdb.types.Position]:

@@ -8,6 +8,8 @@ import random
 import signal
 import time
 
+import pytest
+
 import tfdb
 from tests.test_changes import Writer, assert_same
 
@@ -102,3 +104,18 @@ def test_a_killed_copy_has_the_state_of_its_position(name: str) -> None:
     os.close(heard)
     os.close(begun)
     assert_same(opened(name), source)
+
+
+def test_a_source_is_forgotten_by_all_processes(name: str) -> None:
+    source = tfdb.Buffer()
+    source.set_transform("map", "base", 10, (1, 2, 3), (0, 0, 0.6, 0.8))
+    with tfdb.Buffer.open(name) as one, tfdb.Buffer.open(name) as other:
+        one.apply(source.commits_bytes(0))
+        assert other.forget_source("")
+        assert one.positions() == []
+        source.set_transform("map", "base", 20, (2, 3, 4), (0, 0, 0.6, 0.8))
+        with pytest.raises(tfdb.errors.OutOfOrder, match="was forgotten"):
+            one.apply(source.commits_bytes(1))
+        with source.snapshot() as snap:
+            one.apply(snap.state_bytes())
+        assert [p.commit for p in other.positions()] == [2]

@@ -17,13 +17,18 @@ namespace {
 using history::SourceWord;
 using wire::CommitSample;
 
+/// Above the digest of the chosen frames stands that of the shared ones: see Position::choice.
+constexpr unsigned kSharedShift = 32;
+
 /// A sample of another store, with the names that its frames have here.
 /// Threads: the holder of the commit lock. Guarantee: one call of `commit` is one commit, all or
 /// nothing.
 class Applying {
 public:
     Applying(Store& store, const CommitSample& sample, const ApplyOptions& options)
-        : store_(store), sample_(sample), options_(options) {
+        : store_(store), sample_(sample), options_(options), choice_(sample.choice) {
+        if (!options.shared.empty())
+            choice_ |= std::uint64_t{wire::digest_of(options.shared)} << kSharedShift;
         names_.reserve(sample.names.size());
         for (const std::string_view name : sample.names) {
             const bool shared = std::find(options.shared.begin(), options.shared.end(), name) !=
@@ -68,6 +73,8 @@ public:
         return store_.positions.position(record_);
     }
 
+    /// What the sample holds of its source. Samples with another choice belong to another copy.
+    [[nodiscard]] std::uint64_t choice() const { return choice_; }
     /// Applies one commit of the sample; the position is then `until`.
     void commit(const CommitSample::Commit& commit, CommitNumber until) {
         if (record_ == 0)
@@ -81,26 +88,26 @@ public:
         removed_parent_ = kNoFrame;
         may_be_in_use_ = false;
         const bool is_state = sample_.kind == CommitSample::Kind::kState;
-        const std::vector<std::uint64_t> authors = number_authors();
+        number_authors();
         StoreCommit made = store_.start_commit();
         made.set_source(source_);
         commit_ = &made;
         if (is_state)
             take_away();
         remove(sample_.names_of(commit.removed));
-        clear(sample_.names_of(commit.cleared));
         for (const std::uint32_t name : sample_.names_of(commit.passing))
             pass(name);
         for (const std::uint32_t name : sample_.names_of(commit.made))
             (void)frame(name);
+        clear(sample_.names_of(commit.cleared));
         for (const CommitSample::Edge& edge : sample_.edges_of(commit)) {
-            store_edge(edge, authors[edge.authority]);
+            store_edge(edge, authors_[edge.authority]);
             if (is_state)
                 set_late(edge);
         }
         check_removed();
         check_cycles();
-        made.publish([&] { store_.positions.set(record_, sample_.epoch, until); });
+        made.publish([&] { store_.positions.set(record_, sample_.epoch, until, choice_); });
         commit_ = nullptr;
     }
     /// Frames whose local parents were replaced.
@@ -142,12 +149,10 @@ private:
     [[nodiscard]] std::string_view authority_of(const CommitSample::Edge& edge) const {
         return sample_.authorities[edge.authority];
     }
-    [[nodiscard]] std::vector<std::uint64_t> number_authors() const {
-        std::vector<std::uint64_t> numbers;
-        numbers.reserve(sample_.authorities.size());
-        for (const std::string_view name : sample_.authorities)
-            numbers.push_back(store_.author_number(name));
-        return numbers;
+    /// Once: numbers stay.
+    void number_authors() {
+        while (authors_.size() < sample_.authorities.size())
+            authors_.push_back(store_.author_number(sample_.authorities[authors_.size()]));
     }
 
     [[nodiscard]] FrameId find(std::uint32_t name) {
@@ -175,19 +180,19 @@ private:
         if (edge(id).has_samples())
             mark_cleared(id);
     }
-    /// At most once in a commit for each edge, also for one without samples.
-    void mark_cleared(FrameId id) {
-        if (!cleared_.insert(id))
-            return;
-        commit_->set_author(0);
+    /// Also an edge without samples; one that is cleared already is not cleared again.
+    void mark_cleared(FrameId id, std::uint64_t author = 0) {
+        const bool is_first = cleared_.insert(id);
+        commit_->set_author(author);
         (void)commit_->touch(id);
-        commit_->clear(id);
+        if (is_first)
+            commit_->clear(id);
     }
     void clear(std::span<const std::uint32_t> names) {
         for (const std::uint32_t name : names) {
             const FrameId id = find(name);
-            if (id != kNoFrame && is_written_here(id))
-                clear_edge(id);
+            if (id != kNoFrame && (is_written_here(id) || !edge(id).has_samples()))
+                mark_cleared(id);
         }
     }
 
@@ -272,7 +277,7 @@ private:
         auto writer = this->edge(child);
         if (rows.empty()) {
             if (edge.cleared && !writer.has_samples())
-                mark_cleared(child);
+                mark_cleared(child, author);
             return;
         }
         if (!written_.insert(child))
@@ -346,6 +351,14 @@ private:
         return removed_parent_;
     }
 
+    /// The frame that the newest sample names, also one that the commit removes.
+    [[nodiscard]] FrameId named_parent(const StoreView& view, FrameId id) const {
+        StoreEdge edge;
+        if (!view.open(id, edge) || edge.empty())
+            return kNoFrame;
+        const auto slot = edge.read(edge.newest());
+        return store_.frames.born(slot.parent) <= slot.commit ? slot.parent : kNoFrame;
+    }
     /// Nothing that stays may have a parent that goes.
     void check_removed() {
         if (!may_be_in_use_)
@@ -354,9 +367,13 @@ private:
         for (FrameId id = 0; id < store_.frames.count(); ++id) {
             if (!view.alive(id))
                 continue;
-            const FrameId parent = commit_->newest_parent(id);
-            if (parent < store_.frames.count() && removed_.contains(parent))
-                throw_fault(frame_in_use(store_.names.name(parent), 0, {store_.names.name(id)}));
+            const FrameId parent = named_parent(view, id);
+            if (parent != kNoFrame && removed_.contains(parent))
+                throw_fault(frame_in_use(
+                    store_.names.name(parent), 0, {store_.names.name(id)},
+                    "source " + quoted(options_.source) +
+                        " removes it: store another parent of these, or apply a state of the "
+                        "source (state_bytes)"));
         }
     }
     void check_cycles() {
@@ -373,6 +390,8 @@ private:
     const ApplyOptions& options_;
     std::vector<std::string> names_;  // as they are here
     std::vector<std::string> replaced_;
+    std::vector<std::uint64_t> authors_;  // by the sample's authorities
+    std::uint64_t choice_;
     Positions::Record record_ = 0;
     std::uint64_t source_ = 0;
     // Of one commit:
@@ -394,39 +413,98 @@ std::string text_of(const Epoch& epoch) {
     return std::to_string(epoch.number) + "-" + id;
 }
 
-/// Judges an epoch and a commit before which nothing may be missing. Throws Fenced, OutOfOrder.
-void check_follows(const CommitSample& sample, const ApplyOptions& options,
-                   const std::optional<Position>& position) {
-    const std::string of_source = " of source " + quoted(options.source);
-    ErrorDetail detail;
-    detail.since = sample.since;
-    if (position)
-        detail.commit = position->commit;
-    if (position && sample.epoch < position->epoch) {
-        throw Fenced("epoch " + text_of(sample.epoch) + of_source +
-                         " has ended: commits of epoch " + text_of(position->epoch) +
-                         " have been applied",
-                     std::move(detail));
+/// Judges whether nothing may be missing between a position and a sample of these options.
+/// Threads: one. Guarantee: changes nothing.
+class Order {
+public:
+    Order(const CommitSample& sample, std::uint64_t choice, std::string_view source,
+          const std::optional<Position>& position)
+        : sample_(sample), choice_(choice), source_(source), position_(position) {}
+
+    [[nodiscard]] bool is_same_epoch() const {
+        return position_ && sample_.epoch == position_->epoch;
     }
-    if (sample.kind == CommitSample::Kind::kState)
-        return;
-    const char* const way = ": apply a state of the source (state_bytes) first";
-    if (position ? sample.epoch != position->epoch : sample.since != 0) {
-        throw OutOfOrder((position ? "epoch " + text_of(sample.epoch) + of_source +
-                                         " is later than " + text_of(position->epoch)
-                                   : "nothing" + of_source +
-                                         " has been applied yet, these are the "
-                                         "commits after " +
-                                         std::to_string(sample.since)) +
-                             way,
-                         std::move(detail));
+    /// Whether both are parts of one copy.
+    [[nodiscard]] bool goes_on() const { return is_same_epoch() && choice_ == position_->choice; }
+    /// Throws Fenced, OutOfOrder.
+    void check() const {
+        if (position_ && sample_.epoch < position_->epoch) {
+            throw Fenced("epoch " + text_of(sample_.epoch) + " of source " + quoted(source_) +
+                             " has ended: commits of epoch " + text_of(position_->epoch) +
+                             " have been applied; if its clock was set back, call forget_source(" +
+                             quoted(source_) + "), then apply a state",
+                         detail());
+        }
+        if (sample_.kind == CommitSample::Kind::kState)
+            check_state();
+        else if (!position_)
+            check_first();
+        else
+            check_commits();
     }
-    if (position && sample.since > position->commit) {
-        throw OutOfOrder("commits " + std::to_string(position->commit + 1) + " to " +
-                             std::to_string(sample.since) + of_source +
-                             " are missing: apply them first, or a state",
-                         std::move(detail));
+
+private:
+    /// One with other frames may be of the position's commit, not of one before it.
+    void check_state() const {
+        if (is_same_epoch() && !goes_on() && sample_.last < position_->commit) {
+            refuse("the state of commit " + std::to_string(sample_.last) + " of source " +
+                   quoted(source_) + " is older than commit " + std::to_string(position_->commit) +
+                   ", which has been applied" + other_frames() + ": apply a newer state");
+        }
     }
+    void check_first() const {
+        if (sample_.since != 0) {
+            refuse("nothing of source " + quoted(source_) +
+                   " has been applied yet, these are the commits after " +
+                   std::to_string(sample_.since) + kStateFirst);
+        }
+    }
+    void check_commits() const {
+        if (position_->epoch == Epoch{})
+            refuse("source " + quoted(source_) + " was forgotten" + kStateFirst);
+        if (!is_same_epoch()) {
+            refuse("epoch " + text_of(sample_.epoch) + " of source " + quoted(source_) +
+                   " is later than " + text_of(position_->epoch) + kStateFirst);
+        }
+        if (!goes_on()) {
+            refuse("source " + quoted(source_) + " was applied" + other_frames() +
+                   ": apply a state (state_bytes) of those that are wanted now first");
+        }
+        if (sample_.since > position_->commit) {
+            refuse("commits " + std::to_string(position_->commit + 1) + " to " +
+                   std::to_string(sample_.since) + " of source " + quoted(source_) +
+                   " are missing: apply them first, or a state");
+        }
+    }
+    [[nodiscard]] const char* other_frames() const {
+        return choice_ >> kSharedShift != position_->choice >> kSharedShift
+                   ? " with other shared frames (shared=)"
+                   : " with other frames (frames=)";
+    }
+    [[nodiscard]] ErrorDetail detail() const {
+        ErrorDetail detail;
+        detail.since = sample_.since;
+        if (position_)
+            detail.commit = position_->commit;
+        return detail;
+    }
+    [[noreturn]] void refuse(const std::string& why) const { throw OutOfOrder(why, detail()); }
+
+    static constexpr const char* kStateFirst = ": apply a state of the source (state_bytes) first";
+    const CommitSample& sample_;
+    std::uint64_t choice_;
+    std::string_view source_;
+    const std::optional<Position>& position_;
+};
+
+/// Throws where commits of others cannot be applied.
+void check_applies(const Store& store) {
+    if (store.engine != nullptr) {
+        throw NotSupported("commits cannot be applied in the engine '" +
+                           std::string(concurrency_name(store.concurrency)) +
+                           "': only in the default one, 'snapshot'");
+    }
+    check_not_in_transaction(store);
 }
 
 }  // namespace
@@ -435,12 +513,7 @@ void check_follows(const CommitSample& sample, const ApplyOptions& options,
 namespace tfdb {
 
 Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& options) {
-    if (store_->engine != nullptr) {
-        throw NotSupported("commits cannot be applied in the engine '" +
-                           std::string(concurrency_name(store_->concurrency)) +
-                           "': only in the default one, 'snapshot'");
-    }
-    store::check_not_in_transaction(*store_);
+    store::check_applies(*store_);
     const txn::KeptByThread<wire::CommitSample> kept;
     wire::CommitSample& sample = *kept;
     sample.decode(data);
@@ -449,12 +522,13 @@ Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& optio
     for (bool done = false; !done;) {
         const std::lock_guard guard(store_->lock);
         const std::optional<Position> position = applying.position();
-        store::check_follows(sample, options, position);
-        const bool is_new_epoch = !position || sample.epoch != position->epoch;
-        if (!is_new_epoch && sample.last <= position->commit)
+        const store::Order order(sample, applying.choice(), options.source, position);
+        order.check();
+        const bool goes_on = order.goes_on();
+        if (goes_on && sample.last <= position->commit)
             return {*position, applying.take_replaced()};
         const auto& commits = sample.commits;
-        while (next < commits.size() && !is_new_epoch && commits[next].number <= position->commit)
+        while (next < commits.size() && goes_on && commits[next].number <= position->commit)
             ++next;
         done = next + 1 >= commits.size();
         // Commits that did nothing to the frames of the sample are not in it.
@@ -462,7 +536,20 @@ Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& optio
         applying.commit(next < commits.size() ? commits[next] : nothing,
                         done ? sample.last : commits[next + 1].number - 1);
     }
-    return {{std::string(options.source), sample.epoch, sample.last}, applying.take_replaced()};
+    return {{std::string(options.source), sample.epoch, sample.last, applying.choice()},
+            applying.take_replaced()};
+}
+
+bool Buffer::forget_source(std::string_view source) {
+    store::check_applies(*store_);
+    const std::lock_guard guard(store_->lock);
+    store::Positions& positions = store_->positions;
+    const store::Positions::Record record = positions.find(source);
+    const auto position = record == 0 ? std::nullopt : positions.position(record);
+    if (!position || position->epoch == Epoch{})
+        return false;
+    store_->start_commit().publish([&] { positions.forget(record); });
+    return true;
 }
 
 std::vector<Position> Buffer::positions() const {

@@ -1,5 +1,5 @@
-// A copy in a shared store is killed while it applies the commits of another store: its state is
-// always that of its position, and it goes on from there.
+// A copy in a shared store is killed while it applies the commits of another store, or forgets it:
+// its state is always that of its position, and it goes on from there.
 //
 //   torture_store_apply [--seconds 20] [--seed 1]
 //
@@ -8,19 +8,23 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
-#include <cstring>
+#include <map>
+#include <optional>
 #include <random>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/fixture.hpp"
 #include "tfdb/sync/word.hpp"
+#include "tfdb/testing/options.hpp"
 
 namespace tfdb {
 namespace {
@@ -35,6 +39,7 @@ std::uint64_t g_stores_left = 0;
 constexpr StampNs kHistory = 60;
 constexpr unsigned kFrames = 6;
 constexpr unsigned kCommits = 40;
+constexpr std::array<std::string_view, 3> kChosen = {"frame0", "frame1", "frame2"};
 
 BufferOptions options() {
     BufferOptions made;
@@ -60,25 +65,21 @@ public:
             act();
             if (source_.commit() == before)
                 continue;
-            const Bytes one = source_.commits_bytes(before, {.commits = 1});
-            judge.apply(one);
+            judge.apply(source_.commits_bytes(before, {.commits = 1}));
             push(judge);
-            singles.push_back(one);
-            if (random_() % 8 == 0)
-                samples.push_back(source_.snapshot().state_bytes());
-            else if (random_() % 3 == 0 && before >= 3)
-                samples.push_back(source_.commits_bytes(before - 3));
-            else
-                samples.push_back(one);
+            send(before);
         }
     }
 
-    /// Everything that a reader sees, in bits; frames of others are left out. The last writers'
-    /// names may lack those of the newest commit until a dead writer's work is repaired.
-    static std::string picture(const Buffer& buffer, bool with_writers) {
+    /// Everything that a reader sees, in bits; frames of others are left out, and those that were
+    /// not chosen. The last writers' names may lack those of the newest commit until a dead
+    /// writer's work is repaired.
+    static std::string picture(const Buffer& buffer, bool some, bool with_writers) {
         std::string text;
         for (const FrameInfo& info : buffer.tree()) {
-            if (info.name.starts_with("other"))
+            const bool is_chosen =
+                std::find(kChosen.begin(), kChosen.end(), info.name) != kChosen.end();
+            if (some ? !is_chosen : info.name.starts_with("other"))
                 continue;
             text += "\n" + info.name + " " + info.parent.value_or("-") + " " +
                     (with_writers ? info.authority : "") + (info.is_static ? " static" : "");
@@ -90,15 +91,47 @@ public:
         }
         return text;
     }
+    /// What a copy with some frames, or all, must be like after a commit.
+    [[nodiscard]] const std::string& state(CommitNumber commit, bool some,
+                                           bool with_writers) const {
+        return states_[commit].at({some, with_writers});
+    }
 
-    std::vector<Bytes> singles;                      // by commits, from the first one on
-    std::vector<Bytes> samples;                      // in an order in which they can be applied
-    std::array<std::vector<std::string>, 2> states;  // without and with writers, by commits
+    /// In an order in which they can be applied; an empty one: the source is forgotten.
+    std::vector<Bytes> samples;
 
 private:
     void push(const Buffer& judge) {
-        for (const bool with_writers : {false, true})
-            states[with_writers ? 1 : 0].push_back(picture(judge, with_writers));
+        auto& states = states_.emplace_back();
+        for (const bool some : {false, true}) {
+            for (const bool with_writers : {false, true})
+                states[{some, with_writers}] = picture(judge, some, with_writers);
+        }
+    }
+    void send(CommitNumber before) {
+        switch (random_() % 10) {
+            case 0:
+                samples.emplace_back();
+                send_state();
+                break;
+            case 1:  // other frames
+                some_ = !some_;
+                send_state();
+                break;
+            case 2:  // and others at the same commit
+                send_state();
+                some_ = !some_;
+                send_state();
+                break;
+            default: {
+                const bool twice = random_() % 3 == 0 && before >= 3;
+                samples.push_back(source_.commits_bytes(before - (twice ? 3 : 0), {}, only()));
+            }
+        }
+    }
+    void send_state() { samples.push_back(source_.snapshot().state_bytes(only())); }
+    [[nodiscard]] std::optional<std::span<const std::string_view>> only() const {
+        return some_ ? std::optional(std::span(kChosen)) : std::nullopt;
     }
     void act() {
         clock_ += static_cast<StampNs>(random_() % 6);
@@ -134,6 +167,8 @@ private:
 
     std::mt19937_64 random_;
     Buffer source_;
+    std::vector<std::map<std::array<bool, 2>, std::string>> states_;  // by commits
+    bool some_ = false;  // what is sent: not all frames
     StampNs clock_ = 0;
     std::uint64_t number_ = 0;
     std::uint64_t refused_ = 0;
@@ -162,30 +197,41 @@ public:
 private:
     bool judge(std::size_t at, std::uint64_t stores) {
         Buffer copy = Buffer::open(path_, true);
+        last_ = {};
         for (std::size_t i = 0; i < at; ++i)
-            copy.apply(life_.samples[i]);
+            take(copy, life_.samples[i]);
         const bool died = kill_one(at, stores);
-        const CommitNumber position = look(copy, false, "after the death");
+        const std::vector<Position> positions = look(copy, false, "after the death");
         // The next writer takes back what was not committed, and takes the commit's number.
         fixture::set_static(copy, "other", "others", pose_of(7));
-        if (look(copy, true, "after the repair") != position)
+        if (look(copy, true, "after the repair") != positions)
             fail(at, stores, "the repair moved the position");
         for (std::size_t i = at; i < life_.samples.size(); ++i)
-            copy.apply(life_.samples[i]);
-        if (look(copy, true, "at the end") != kCommits)
+            take(copy, life_.samples[i]);
+        (void)look(copy, true, "at the end");
+        if (last_.commit != kCommits)
             fail(at, stores, "the copy did not come to the end");
         return died;
     }
-    CommitNumber look(const Buffer& copy, bool with_writers, const char* when) {
+    void take(Buffer& copy, const Bytes& sample) {
+        if (sample.empty())
+            copy.forget_source("");
+        else
+            last_ = copy.apply(sample).position;
+    }
+    std::vector<Position> look(const Buffer& copy, bool with_writers, const char* when) {
         const std::vector<Position> positions = copy.positions();
-        const CommitNumber position = positions.empty() ? 0 : positions[0].commit;
-        if (position > kCommits ||
-            Life::picture(copy, with_writers) != life_.states[with_writers ? 1 : 0][position]) {
+        // One that was forgotten leaves the frames as they are.
+        if (!positions.empty())
+            last_ = positions[0];
+        const bool some = last_.choice != 0;
+        if (last_.commit > kCommits || Life::picture(copy, some, with_writers) !=
+                                           life_.state(last_.commit, some, with_writers)) {
             std::fprintf(stderr, "FAILED: %s the state is not that of commit %llu\n", when,
-                         static_cast<unsigned long long>(position));
+                         static_cast<unsigned long long>(last_.commit));
             ++failures;
         }
-        return position;
+        return positions;
     }
     void fail(std::size_t at, std::uint64_t stores, const char* what) {
         std::fprintf(stderr, "FAILED: sample %zu, store %llu: %s\n", at,
@@ -202,7 +248,7 @@ private:
 #ifdef TFDB_COUNTS_STORES
             g_stores_left = stores;
 #endif
-            copy.apply(life_.samples[at]);
+            take(copy, life_.samples[at]);
             ::_exit(0);
         }
 #ifndef TFDB_COUNTS_STORES
@@ -219,6 +265,7 @@ private:
 
     std::string path_;
     Life life_;
+    Position last_;  // that was seen
     std::mt19937_64 random_;
 };
 
@@ -227,7 +274,7 @@ double seconds_since(std::chrono::steady_clock::time_point begun) {
 }
 
 /// False: a fault was found.
-bool torture(double seconds, unsigned seed) {
+bool torture(unsigned seconds, unsigned seed) {
     const auto begun = std::chrono::steady_clock::now();
     std::uint64_t deaths = 0;
     unsigned rounds = 0;
@@ -262,14 +309,9 @@ void sync::about_to_store() noexcept {
 }  // namespace tfdb
 
 int main(int argc, char** argv) {
-    double seconds = 20.0;
+    unsigned seconds = 20;
     unsigned seed = 1;
-    for (int i = 1; i + 1 < argc; i += 2) {
-        if (std::strcmp(argv[i], "--seconds") == 0)
-            seconds = std::strtod(argv[i + 1], nullptr);
-        else if (std::strcmp(argv[i], "--seed") == 0)
-            seed = static_cast<unsigned>(std::strtoul(argv[i + 1], nullptr, 10));
-    }
+    tfdb::testing::read_options(argc, argv, {{"--seconds", seconds}, {"--seed", seed}});
     std::printf("seed %u\n", seed);
     return tfdb::torture(seconds, seed) ? 0 : 1;
 }

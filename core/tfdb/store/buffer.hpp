@@ -209,6 +209,8 @@ struct Position {
     std::string source;
     Epoch epoch;
     CommitNumber commit = 0;  // the last one
+    std::uint64_t choice =
+        0;  // digests of the frames that are shared, and of those that were chosen
 
     [[nodiscard]] bool operator==(const Position&) const = default;
 };
@@ -509,11 +511,16 @@ public:
     /// Applies a sample of another store: each commit becomes one commit here, a state one in all,
     /// which takes away what this source had. The position is part of the commit. What is at or
     /// before it is skipped. Throws, and leaves the store as the last whole commit did: OutOfOrder
-    /// (commits between are missing, or a later epoch begins without a state), Fenced (an earlier
-    /// epoch), CorruptMessage, InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse,
-    /// CapacityExceeded, InvalidArgument (prefix; an edge twice in a commit), NotSupported (other
-    /// engines than the default one), and what a write throws.
+    /// (commits between are missing, or a later epoch or another choice of frames begins without a
+    /// state), Fenced (an earlier epoch), CorruptMessage, InvalidName, InvalidTransform,
+    /// InvalidStamp, CycleError, FrameInUse, CapacityExceeded, InvalidArgument (prefix; an edge
+    /// twice in a commit), NotSupported (other engines than the default one), and what a write
+    /// throws.
     Applied apply(std::span<const std::byte> sample, const ApplyOptions& options = {});
+    /// Forgets the position of a source, in one commit; the next thing of it that is applied must
+    /// be a state. Its frames stay until then. False: nothing was applied, and nothing changed.
+    /// Throws as a write.
+    bool forget_source(std::string_view source);
     /// Of all sources, in the order in which they came.
     [[nodiscard]] std::vector<Position> positions() const;
     /// The store's own, in which its commits are numbered.

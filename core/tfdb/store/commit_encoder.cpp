@@ -31,6 +31,10 @@ using wire::SampleWriter;
                std::move(detail));
 }
 
+std::uint32_t choice_of(FrameFilter::Only only) {
+    return only ? wire::digest_of(*only) : 0;
+}
+
 /// A sample, and where its names and authorities stand in it.
 /// Threads: one. Guarantee: none.
 class Sample {
@@ -315,7 +319,12 @@ private:
 class StateEncoder {
 public:
     StateEncoder(const Store& store, CommitNumber held, FrameFilter::Only only, std::size_t newest)
-        : store_(store), held_(held), filter_(store, held, only), newest_(newest), sample_(store) {}
+        : store_(store),
+          held_(held),
+          filter_(store, held, only),
+          choice_(choice_of(only)),
+          newest_(newest),
+          sample_(store) {}
 
     [[nodiscard]] std::vector<std::byte> run() {
         find_frames();
@@ -323,8 +332,8 @@ public:
             places_.emplace(frames_[place].id, sample_.writer.add_name(frames_[place].name));
         for (const Frame& frame : frames_)
             add(frame);
-        return sample_.writer.finish(CommitSample::Kind::kState, !filter_.is_for_all(),
-                                     store_.epoch(), held_, held_, frames_.size());
+        return sample_.writer.finish(CommitSample::Kind::kState, store_.epoch(), choice_, held_,
+                                     held_, frames_.size());
     }
 
 private:
@@ -409,6 +418,7 @@ private:
     const Store& store_;
     CommitNumber held_;
     FrameFilter filter_;
+    std::uint32_t choice_;
     std::size_t newest_;  // so many samples of each edge
     Sample sample_;
     std::vector<Frame> frames_;
@@ -434,6 +444,7 @@ std::vector<std::byte> Buffer::commits_bytes(
     using lookup::Outcome;
     const bool kept = store::has_feed(*store_);
     store::check_not_in_transaction(*store_);
+    const std::uint32_t choice = store::choice_of(only);
     std::vector<std::byte> bytes;
     store::FeedNotes notes;
     const auto encode = [&](const StoreView& view, CommitNumber last) {
@@ -451,8 +462,8 @@ std::vector<std::byte> Buffer::commits_bytes(
             }
             ++commit;
         }
-        bytes = writer.finish(wire::CommitSample::Kind::kCommits, !filter.is_for_all(),
-                              store_->epoch(), since, commit);
+        bytes = writer.finish(wire::CommitSample::Kind::kCommits, store_->epoch(), choice, since,
+                              commit);
         return Outcome::kOk;
     };
     const auto attempt = [&](const StoreView& view) {

@@ -90,6 +90,7 @@ std::optional<Position> Positions::position(Record record) const {
         found.epoch = {load(record, slot + kEpochNumber), load(record, slot + kEpochHigh),
                        load(record, slot + kEpochLow)};
         found.commit = load(record, slot + kCommit);
+        found.choice = load(record, slot + kChoice);
         sync::fence_acquire();
         // A writer takes the slot only once the other one counts.
         if (load(record, slot + kValidFrom) != from)
@@ -102,7 +103,7 @@ std::optional<Position> Positions::position(Record record) const {
 std::vector<Position> Positions::all() const {
     std::vector<Position> all;
     for_each([&](Record record) {
-        if (auto found = position(record))
+        if (auto found = position(record); found && found->epoch != Epoch{})
             all.push_back(*std::move(found));
         return true;
     });
@@ -110,7 +111,7 @@ std::vector<Position> Positions::all() const {
     return all;
 }
 
-void Positions::set(Record record, const Epoch& epoch, CommitNumber commit) {
+void Positions::set(Record record, const Epoch& epoch, CommitNumber commit, std::uint64_t choice) {
     const CommitNumber committed = commit_.load_relaxed();
     const unsigned counts = valid_slot(record, committed);
     const unsigned slot = counts == kFirstSlot ? kSecondSlot : kFirstSlot;
@@ -120,6 +121,7 @@ void Positions::set(Record record, const Epoch& epoch, CommitNumber commit) {
     word(record, slot + kEpochHigh).store_relaxed(epoch.high);
     word(record, slot + kEpochLow).store_relaxed(epoch.low);
     word(record, slot + kCommit).store_relaxed(commit);
+    word(record, slot + kChoice).store_relaxed(choice);
     word(record, slot + kValidFrom).store_release(committed + 1);
 }
 

@@ -36,13 +36,16 @@ public:
     /// The source's number, from 1 on, by which frames name it.
     [[nodiscard]] std::uint64_t number(Record record) const;
     [[nodiscard]] std::string prefix(Record record) const;
-    /// None: nothing of the source was applied.
+    /// None: nothing of the source was applied. Its epoch is 0: the source was forgotten.
     [[nodiscard]] std::optional<Position> position(Record record) const;
     [[nodiscard]] std::vector<Position> all() const;
 
     /// Sets the position from the next commit of this store on, which is published just after the
     /// call.
-    void set(Record record, const Epoch& epoch, CommitNumber commit);
+    void set(Record record, const Epoch& epoch, CommitNumber commit, std::uint64_t choice);
+    /// The same: none, from the next commit on. The record stays, with the source's number, which
+    /// its frames name.
+    void forget(Record record) { set(record, Epoch{}, 0, 0); }
     /// After the death of a writer.
     void repair();
     /// The number of the source that a commit of this store came from, the newest or the one before
@@ -71,7 +74,8 @@ private:
     static constexpr unsigned kEpochHigh = 2;
     static constexpr unsigned kEpochLow = 3;
     static constexpr unsigned kCommit = 4;
-    static constexpr unsigned kSlotWords = 5;
+    static constexpr unsigned kChoice = 5;
+    static constexpr unsigned kSlotWords = 6;
     static constexpr unsigned kSecondSlot = kFirstSlot + kSlotWords;
     static constexpr unsigned kTexts = kSecondSlot + kSlotWords;
 

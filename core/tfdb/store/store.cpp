@@ -68,7 +68,7 @@ graph::Frames<StoreMemory> Store::forest_in(StoreMemory& memory, const BufferOpt
 
 std::uint64_t Store::layout() {
     using Sizes = history::Tuning<StoreMemory>;
-    constexpr std::uint64_t kVersion = 3;
+    constexpr std::uint64_t kVersion = 4;
     std::uint64_t layout = kVersion;
     for (const std::uint64_t part :
          {std::uint64_t{history::kHeaderWords}, std::uint64_t{graph::kStoreWords},

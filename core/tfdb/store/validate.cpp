@@ -314,7 +314,8 @@ Error unknown_frame(std::string_view name, std::size_t index, const std::string&
                         std::move(detail));
 }
 
-Error frame_in_use(std::string_view name, std::size_t index, std::vector<std::string> children) {
+Error frame_in_use(std::string_view name, std::size_t index, std::vector<std::string> children,
+                   const std::string& advice) {
     constexpr std::size_t kNamedChildren = 8;
     std::string list;
     for (std::size_t i = 0; i < std::min(children.size(), kNamedChildren); ++i)
@@ -325,8 +326,7 @@ Error frame_in_use(std::string_view name, std::size_t index, std::vector<std::st
     detail.frame = name;
     detail.index = index;
     detail.frames = std::move(children);
-    return FrameInUse("frame " + quoted(name) + " is the parent of " + list +
-                          ": remove those first, or pass recursive=True",
+    return FrameInUse("frame " + quoted(name) + " is the parent of " + list + ": " + advice,
                       std::move(detail));
 }
 

@@ -74,8 +74,10 @@ void check_may_exist(const Question& question);
 /// `hint` ends the message.
 [[nodiscard]] Error unknown_frame(std::string_view name, std::size_t index,
                                   const std::string& hint);
-[[nodiscard]] Error frame_in_use(std::string_view name, std::size_t index,
-                                 std::vector<std::string> children);
+/// `advice` ends the message.
+[[nodiscard]] Error frame_in_use(
+    std::string_view name, std::size_t index, std::vector<std::string> children,
+    const std::string& advice = "remove those first, or pass recursive=True");
 [[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index,
                                 std::string_view authority);
 

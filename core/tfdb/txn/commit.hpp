@@ -49,8 +49,10 @@ void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, 
                 std::uint64_t author, std::uint64_t source) {
     if ((what & FeedNote::kRemoved) != 0)
         return;
+    // Only a copy clears an edge in the name of its last writer.
+    const bool names_author = has_samples || ((what & FeedNote::kCleared) != 0 && author != 0);
     if (auto& last = frames.word(id, history::kAuthority);
-        has_samples && last.load_relaxed() != author)
+        names_author && last.load_relaxed() != author)
         last.store_relaxed(author);
     if (source == 0) [[likely]]
         return;

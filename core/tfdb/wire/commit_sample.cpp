@@ -17,8 +17,7 @@ using Bytes = std::vector<std::byte>;
 
 constexpr std::array kMagic{std::byte{'T'}, std::byte{'F'}, std::byte{'D'}, std::byte{'B'}};
 constexpr std::uint8_t kVersion = 0;
-constexpr std::uint8_t kSomeFrames = 1;  // of the head's flags
-constexpr std::size_t kHeadBytes = 32;
+constexpr std::size_t kHeadBytes = 36;
 constexpr std::size_t kSumBytes = 4;
 constexpr std::size_t kMostVarint = 10;
 
@@ -33,6 +32,8 @@ constexpr unsigned kEdgeBits = 3;
 constexpr unsigned kWasCleared = 8;
 constexpr unsigned kLate = 16;  // a number follows
 constexpr unsigned kFrameBits = 5;
+/// Late samples of an edge.
+constexpr std::uint64_t kMostLate = (std::uint64_t{1} << 48) - 1;
 /// The bit of a row's first byte beside those of the numbers that differ.
 constexpr std::uint8_t kOtherParent = 0x80;
 
@@ -95,6 +96,16 @@ std::uint64_t load_u64(const std::byte* from) {
 }
 
 }  // namespace
+
+std::uint32_t digest_of(std::span<const std::string_view> names) {
+    std::vector<std::string_view> sorted(names.begin(), names.end());
+    std::sort(sorted.begin(), sorted.end());
+    sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+    std::string text;
+    for (const std::string_view name : sorted)
+        text.append(name).push_back('\0');
+    return std::max(crc32c(std::as_bytes(std::span(text))), std::uint32_t{1});
+}
 
 // -- writing ------------------------------------------------------------------------------------
 
@@ -221,7 +232,7 @@ std::size_t SampleWriter::size() const {
     return kHeadBytes + kSumBytes + kCounts + body_.size() + names_.size() + authorities_.size();
 }
 
-Bytes SampleWriter::finish(Kind kind, bool some_frames, const Epoch& epoch, CommitNumber since,
+Bytes SampleWriter::finish(Kind kind, const Epoch& epoch, std::uint32_t choice, CommitNumber since,
                            CommitNumber last, std::uint64_t frames) const {
     Bytes sample;
     {
@@ -230,7 +241,7 @@ Bytes SampleWriter::finish(Kind kind, bool some_frames, const Epoch& epoch, Comm
         room.put(kMagic);
         *room.at++ = std::byte{kVersion};
         *room.at++ = std::byte(kind);
-        *room.at++ = std::byte{some_frames ? kSomeFrames : std::uint8_t{0}};
+        *room.at++ = std::byte{0};
         *room.at++ = std::byte{0};
         // The id's bytes come in their order, the highest first.
         for (const std::uint64_t word :
@@ -238,6 +249,8 @@ Bytes SampleWriter::finish(Kind kind, bool some_frames, const Epoch& epoch, Comm
             store_u64(room.at, word);
             room.at += 8;
         }
+        store_u32<kCdrLittleLayout>(room.at, choice);
+        room.at += 4;
         room.put(since);
         if (kind == Kind::kCommits)
             room.put(last - since);
@@ -310,16 +323,18 @@ private:
         if (kind != static_cast<unsigned>(Kind::kCommits) &&
             kind != static_cast<unsigned>(Kind::kState))
             refuse(5, "kind " + std::to_string(kind) + ": commits are 1, a state 2");
-        if (byte_at(6) > kSomeFrames || byte_at(7) != 0)
+        if (byte_at(6) != 0 || byte_at(7) != 0)
             refuse(6, "unknown flags");
         end_ -= kSumBytes;
         const std::uint32_t sum = load_u32<kCdrLittleLayout>(data_.data() + end_);
         if (sum != crc32c(data_.first(end_)))
             refuse(end_, "the checksum is wrong: the sample was damaged or cut short");
         out_.kind = static_cast<Kind>(kind);
-        out_.some_frames = byte_at(6) == kSomeFrames;
         out_.epoch = {load_u64(data_.data() + 8), __builtin_bswap64(load_u64(data_.data() + 16)),
                       __builtin_bswap64(load_u64(data_.data() + 24))};
+        if (out_.epoch == Epoch{})
+            refuse(8, "the epoch is 0");
+        out_.choice = load_u32<kCdrLittleLayout>(data_.data() + 32);
         at_ = kHeadBytes;
     }
 
@@ -342,8 +357,11 @@ private:
             if (shift == 63 && byte > 1)
                 refuse(start, std::string(what) + " has more than 64 bits");
             number |= (byte & 0x7F) << shift;
-            if (byte < 0x80)
-                return number;
+            if (byte >= 0x80)
+                continue;
+            if (byte == 0)
+                refuse(at_ - 1, std::string(what) + " has a byte too many");
+            return number;
         }
     }
     std::uint64_t read_number(const char* what, std::uint64_t most) {
@@ -380,6 +398,26 @@ private:
         }
     }
 
+    [[nodiscard]] std::size_t place_of(std::string_view text) const {
+        return static_cast<std::size_t>(reinterpret_cast<const std::byte*>(text.data()) -
+                                        data_.data());
+    }
+    /// The frames of a state stand in the order of their bytes, then come other names.
+    void check_state_names(std::uint32_t frames) {
+        const std::vector<std::string_view>& names = out_.names;
+        for (std::uint32_t name = 1; name < frames; ++name) {
+            if (names[name] <= names[name - 1])
+                refuse(place_of(names[name]), "the frames of a state are not in order");
+        }
+        if (frames == names.size())
+            return;
+        std::vector<std::string_view> sorted = names;
+        std::stable_sort(sorted.begin(), sorted.end());
+        const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
+        if (twice != sorted.end())
+            refuse(place_of(twice[1]), "a name stands twice");
+    }
+
     void read_commits() {
         const std::uint32_t count = read_count("the number of commits", 3);
         CommitNumber before = out_.since;
@@ -408,8 +446,11 @@ private:
         }
     }
     CommitSample::Range read_list() {
+        const std::size_t start = at_;
         const CommitSample::Range range{static_cast<std::uint32_t>(out_.refs.size()),
                                         read_count("the number of names", 1)};
+        if (range.count == 0)
+            refuse(start, "a list has no names");
         for (std::uint32_t i = 0; i < range.count; ++i)
             out_.refs.push_back(read_name("a frame"));
         return range;
@@ -432,7 +473,13 @@ private:
                 read_number("an authority", out_.authorities.size() - 1));
         }
         edge.authority = authority_;
-        return (bits & kManyRows) == 0 ? 1 : read_count("the number of samples", 2);
+        if ((bits & kManyRows) == 0)
+            return 1;
+        const std::size_t start = at_;
+        const std::uint32_t rows = read_count("the number of samples", 2);
+        if (rows == 1)
+            refuse(start, "the number of samples is 1, as without it");
+        return rows;
     }
 
     void read_state() {
@@ -440,6 +487,7 @@ private:
         if (count > out_.names.size())
             refuse(at_, std::to_string(count) + " frames have " +
                             std::to_string(out_.names.size()) + " names");
+        check_state_names(count);
         CommitSample::Commit state;
         state.number = out_.last;
         state.made.count = static_cast<std::uint32_t>(out_.names.size());
@@ -455,11 +503,21 @@ private:
             edge.child = name;
             edge.cleared = (bits & kWasCleared) != 0;
             const std::uint32_t rows = read_edge_head(edge, bits);
+            if (edge.cleared && rows != 0)
+                refuse(start, "a cleared edge has samples");
             if ((bits & kLate) != 0)
-                edge.late = read_varint("the number of late samples");
+                edge.late = read_late();
             read_rows(edge, rows);
         }
         out_.commits.push_back(state);
+    }
+
+    std::uint64_t read_late() {
+        const std::size_t start = at_;
+        const std::uint64_t late = read_number("the number of late samples", kMostLate);
+        if (late == 0)
+            refuse(start, "the number of late samples is 0, as without it");
+        return late;
     }
 
     void read_rows(Edge& edge, std::uint32_t count) {

@@ -31,6 +31,9 @@ struct Epoch {
     }
 };
 
+/// A digest of names, in any order; never 0.
+[[nodiscard]] std::uint32_t digest_of(std::span<const std::string_view> names);
+
 /// What a sample holds.
 /// Threads: a value; the names are views into the bytes. Guarantee: `decode` fills it.
 struct CommitSample {
@@ -67,9 +70,9 @@ struct CommitSample {
     };
 
     Kind kind = Kind::kCommits;
-    bool some_frames = false;  // not all of the store's
     Epoch epoch{};
-    CommitNumber since = 0;  // of a state its own commit, as `last`
+    std::uint32_t choice = 0;  // the digest of the frames' names that were chosen; 0: all
+    CommitNumber since = 0;    // of a state its own commit, as `last`
     CommitNumber last = 0;
     std::vector<std::string_view> names;
     std::vector<std::string_view> authorities;  // the first one is empty
@@ -144,8 +147,8 @@ public:
     [[nodiscard]] std::size_t size() const;
 
     /// The whole sample. `frames`: how many a state has.
-    [[nodiscard]] std::vector<std::byte> finish(CommitSample::Kind kind, bool some_frames,
-                                                const Epoch& epoch, CommitNumber since,
+    [[nodiscard]] std::vector<std::byte> finish(CommitSample::Kind kind, const Epoch& epoch,
+                                                std::uint32_t choice, CommitNumber since,
                                                 CommitNumber last, std::uint64_t frames = 0) const;
 
 private:

@@ -3,6 +3,7 @@
 
 #include <bit>
 #include <cstring>
+#include <initializer_list>
 #include <random>
 #include <string>
 
@@ -44,7 +45,7 @@ Bytes example() {
     const Row fixed[] = {row(0, base, false, {0.0, -0.0, 0.0, 0.0, 0.0, 0.0, 1.0})};
     writer.add_edge({.child = map, .authority = 0, .is_static = true}, fixed);
     writer.start_commit(41, {}, 0);
-    return writer.finish(CommitSample::Kind::kCommits, true, kEpoch, 7, 50);
+    return writer.finish(CommitSample::Kind::kCommits, kEpoch, 0x1234'5678, 7, 50);
 }
 
 Bytes from_hex(const char* text) {
@@ -68,15 +69,15 @@ std::string to_hex(const Bytes& bytes) {
 
 /// `example`, as version 0 has it: it must be readable for ever.
 constexpr const char* kVersion0 =
-    "544644420001010000002a36fe9c97170123456789abcdeffedcba9876543210072b03036d617004"
-    "626173650462c3a4720104736c616d02010f010101020200020100020e0102e70080a8d6b9070000"
-    "00000000f83f00000000000000c0000000000000d03f333333333333e33f9a9999999999e93fe005"
-    "80dac4099a9999999999e9bf333333333333e33f0300c2020000000000000080000000000000f03f"
-    "2900005d6b1a62";
+    "544644420001000000002a36fe9c97170123456789abcdeffedcba987654321078563412072b0303"
+    "6d617004626173650462c3a4720104736c616d02010f010101020200020100020e0102e70080a8d6"
+    "b907000000000000f83f00000000000000c0000000000000d03f333333333333e33f9a9999999999"
+    "e93fe00580dac4099a9999999999e9bf333333333333e33f0300c202000000000000008000000000"
+    "0000f03f290000afdf4909";
 
 void check_example(const CommitSample& sample) {
     CHECK(sample.kind == CommitSample::Kind::kCommits);
-    CHECK(sample.some_frames);
+    CHECK_EQ(sample.choice, 0x1234'5678U);
     CHECK(sample.epoch == kEpoch);
     CHECK_EQ(sample.since, CommitNumber{7});
     CHECK_EQ(sample.last, CommitNumber{50});
@@ -113,6 +114,21 @@ void check_example(const CommitSample& sample) {
 void seal(Bytes& bytes) {
     const std::uint32_t sum = crc32c(std::span(bytes).first(bytes.size() - 4));
     store_u32<kCdrLittleLayout>(bytes.data() + bytes.size() - 4, sum);
+}
+
+constexpr std::size_t kHead = 36;
+
+/// A sample of kind 1 (commits) or 2 (a state), with these bytes behind its head.
+Bytes sample_of(unsigned kind, std::initializer_list<unsigned> behind) {
+    Bytes bytes(kHead);
+    const unsigned head[] = {'T', 'F', 'D', 'B', 0, kind, 0, 0, 1};
+    for (std::size_t i = 0; i < std::size(head); ++i)
+        bytes[i] = std::byte(head[i]);
+    for (const unsigned byte : behind)
+        bytes.push_back(std::byte(byte));
+    bytes.resize(bytes.size() + 4);
+    seal(bytes);
+    return bytes;
 }
 
 }  // namespace
@@ -177,7 +193,7 @@ TFDB_TEST(commit_samples_with_a_sound_checksum_lead_nowhere_outside) {
     for (int i = 0; i < 20'000; ++i) {
         Bytes broken = whole;
         for (std::uint64_t changes = 1 + random() % 3; changes > 0; --changes)
-            broken[32 + random() % (broken.size() - 36)] = std::byte(random());
+            broken[36 + random() % (broken.size() - 40)] = std::byte(random());
         seal(broken);
         try {
             sample.decode(broken);
@@ -206,7 +222,7 @@ TFDB_TEST(commit_samples_of_a_state) {
                         row(9, 0, true, {1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0})};
     writer.add_frame({.child = base, .authority = 0, .late = 3}, rows);
     writer.add_frame({.child = map, .cleared = true}, {});
-    const Bytes bytes = writer.finish(CommitSample::Kind::kState, false, kEpoch, 12, 12, 2);
+    const Bytes bytes = writer.finish(CommitSample::Kind::kState, kEpoch, 0, 12, 12, 2);
     CommitSample sample;
     sample.decode(bytes);
     CHECK(sample.kind == CommitSample::Kind::kState);
@@ -217,6 +233,58 @@ TFDB_TEST(commit_samples_of_a_state) {
     CHECK_EQ(edges[0].late, std::uint64_t{3});
     CHECK(edges[1].cleared && sample.rows_of(edges[1]).empty());
     CHECK(sample.rows_of(edges[0])[1].gone);
+}
+
+TFDB_TEST(commit_samples_have_one_spelling) {
+    // A state's and a commit's frames "a" and "b", the least that is sound.
+    CommitSample sample;
+    sample.decode(sample_of(1, {0, 1, 2, 1, 'a', 1, 'b', 0, 1, 1, 0, 0}));
+    sample.decode(sample_of(2, {1, 2, 1, 'a', 1, 'b', 0, 2, 4, 0, 4, 0}));
+    struct Case {
+        Bytes bytes;
+        std::size_t at;  // behind the head
+        std::string text;
+    };
+    const Case cases[] = {
+        {sample_of(1, {0x80, 0, 1, 0, 0, 0}), 1, "the commit has a byte too many"},
+        {sample_of(1, {0, 1, 0x81, 0x80, 0, 1, 'a', 0, 0}), 4, "a byte too many"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 1, 0, 0}), 9, "a list has no names"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 4, 1, 0x80, 0, 0}), 11,
+         "the number of samples is 1"},
+        {sample_of(2, {1, 2, 1, 'b', 1, 'a', 0, 2, 4, 0, 4, 0}), 5, "are not in order"},
+        {sample_of(2, {1, 2, 1, 'a', 1, 'a', 0, 2, 4, 0, 4, 0}), 5, "are not in order"},
+        {sample_of(2, {1, 2, 1, 'a', 1, 'a', 0, 1, 4, 0}), 5, "a name stands twice"},
+        {sample_of(2, {1, 3, 1, 'b', 1, 'a', 1, 'a', 0, 1, 4, 0}), 7, "a name stands twice"},
+        {sample_of(2, {1, 1, 1, 'a', 0, 1, 8, 0x80, 1, 0}), 6, "a cleared edge has samples"},
+        {sample_of(2, {1, 1, 1, 'a', 0, 1, 20, 0, 0}), 8, "the number of late samples is 0"},
+        {sample_of(2, {1, 1, 1, 'a', 0, 1, 20, 0, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40}), 8,
+         "the number of late samples is 281474976710656, at most 281474976710655"},
+    };
+    for (const Case& one : cases) {
+        try {
+            sample.decode(one.bytes);
+            CHECK_EQ(one.text, "was refused");
+        } catch (const CorruptMessage& error) {
+            CHECK_EQ(error.detail().offset.value_or(0), kHead + one.at);
+            CHECK(error.detail().reason.find(one.text) != std::string::npos);
+        }
+    }
+    Bytes no_epoch = sample_of(2, {1, 0, 0, 0});
+    sample.decode(no_epoch);
+    no_epoch[8] = std::byte{0};
+    seal(no_epoch);
+    CHECK_THROWS_AS(sample.decode(no_epoch), CorruptMessage);
+}
+
+TFDB_TEST(digests_of_names_depend_on_the_names_alone) {
+    const std::string_view names[] = {"base", "arm", "base", "map"};
+    const std::string_view sorted[] = {"arm", "base", "map"};
+    const std::string_view others[] = {"arm", "basemap"};
+    // CRC-32C of "arm\0base\0map\0".
+    CHECK_EQ(digest_of(names), digest_of(sorted));
+    CHECK_EQ(digest_of(sorted), crc32c(std::as_bytes(std::span("arm\0base\0map", 13))));
+    CHECK(digest_of(others) != digest_of(sorted));
+    CHECK_EQ(digest_of({}), 1U);
 }
 
 }  // namespace tfdb::wire

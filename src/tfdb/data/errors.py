@@ -334,12 +334,16 @@ class Gone(TfdbError):
 class OutOfOrder(TfdbError):
     """Commits of another store do not follow the position: apply those between, or a state.
 
+    They come later, are of a later epoch, or hold other frames than those applied before.
+
     Fields: since (the commit before them), commit (the position).
     """
 
 
 class Fenced(TfdbError):
     """Commits of another store are of an epoch that has ended: a later one has been applied.
+
+    `Buffer.forget_source` is the way on for a source whose clock was set back.
 
     Fields: since (the commit before them), commit (the position).
     """
