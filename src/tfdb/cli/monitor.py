@@ -141,10 +141,10 @@ class Watch:
     ) -> None:
         self._store = store
         self._chain = chain and (chain[0].removeprefix("/"), chain[1].removeprefix("/"))
-        self.judge = Judge(expected or Expectations(), start)
+        self.judge: Judge = Judge(expected or Expectations(), start)
         self.judges: bool = expected is not None
         """Whether there is anything expected."""
-        self.rates = Rates(self.judge, began, window)
+        self.rates: Rates = Rates(self.judge, began, window)
         self.passed: list[str] = []
         """Frames from the chain's source to its target, as far as they are known."""
         self.broken: str = ""

@@ -95,9 +95,9 @@ class Groups:
         self.subjects = subjects
         self.rows = rows
         """Numbers of the rows in the batch."""
-        self.starts = np.ones(len(rows), dtype=bool)
+        self.starts: Flags = np.ones(len(rows), dtype=bool)
         self.starts[1:] = subjects[1:] != subjects[:-1]
-        self.lasts = np.ones(len(rows), dtype=bool)
+        self.lasts: Flags = np.ones(len(rows), dtype=bool)
         self.lasts[:-1] = self.starts[1:]
 
     @classmethod

@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 
 from .events import ANOTHER_CLOCK, TIMELY
-from .judge import Groups
+from .judge import NEVER, Groups
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from .judge import Integers, Judge, Rows
+    from .judge import Floats, Integers, Judge, Rows
 
 
 @dataclass(frozen=True)
@@ -46,64 +45,71 @@ class Frame:
     authors: tuple[str, ...]
 
 
-_COUNT, _TIMED, _TOTAL, _LONGEST, _GAP, _BEHIND, _AHEAD = range(7)
-_NOTHING = np.array([0, 0, 0, -np.inf, 0, np.inf, -np.inf])
-"""What a period has of each subject: three sums, then the greatest, but of `_BEHIND` the least."""
+_COUNT, _TIMED, _LONGEST, _GAP, _BEHIND, _AHEAD = range(6)
+_NOTHING = np.array([0, 0, -NEVER, 0, NEVER, -NEVER])
+"""What a period has of each subject: two counts, the greatest, but of `_BEHIND` the least."""
 
 
 class _Sums:
-    """Delays of numbered subjects over the last periods: one array a period, a column a subject."""
+    """Delays of numbered subjects over the last periods: two arrays a period, a column a subject.
+
+    One holds integers, the other the sum of the delays, which integers of 64 bits cannot.
+    """
 
     def __init__(self, window: int) -> None:
-        self._periods = deque([_columns(0)], maxlen=window)
+        self._periods = deque([(_columns(0), np.zeros(0))], maxlen=window)
 
     def next_period(self) -> None:
         """Begin another period."""
-        self._periods.append(_columns(0))
+        self._periods.append((_columns(0), np.zeros(0)))
 
-    def grow(self, count: int) -> npt.NDArray[np.float64]:
+    def grow(self, count: int) -> tuple[Integers, Floats]:
         """Return the newest period, with a column for so many subjects."""
-        now = self._periods[-1]
-        if now.shape[1] < count:
-            self._periods[-1] = now = np.hstack([now, _columns(count - now.shape[1])])
-        return now
+        now, totals = self._periods[-1]
+        if (added := count - len(totals)) > 0:
+            now = np.hstack([now, _columns(added)])
+            self._periods[-1] = now, np.append(totals, np.zeros(added))
+        return self._periods[-1]
 
     def count(self, subjects: Integers) -> None:
         """Count arrivals without a delay."""
-        now = self.grow(int(subjects.max(initial=-1)) + 1)
+        now, _ = self.grow(int(subjects.max(initial=-1)) + 1)
         now[_COUNT] += np.bincount(subjects, minlength=now.shape[1])
 
     def add(self, subjects: Integers, delays: Integers) -> None:
         """Count arrivals, so long after their stamps."""
         self.count(subjects)
-        now = self._periods[-1]
+        now, totals = self._periods[-1]
         behind = delays >= 0
         np.minimum.at(now[_BEHIND], subjects[behind], delays[behind])
         np.maximum.at(now[_AHEAD], subjects[~behind], delays[~behind])
         timed = np.abs(delays) < ANOTHER_CLOCK
         subjects, delays = subjects[timed], delays[timed]
         now[_TIMED] += np.bincount(subjects, minlength=now.shape[1])
-        now[_TOTAL] += np.bincount(subjects, delays, minlength=now.shape[1])
+        totals += np.bincount(subjects, delays, minlength=len(totals))
         np.maximum.at(now[_LONGEST], subjects, delays)
 
     def all(self, *, apart: bool = False) -> list[Delays]:
         """Return the delays of each subject over the periods; `apart`: without the delays."""
-        whole = self._joined()
-        return [_delays(column, apart=apart) for column in whole.T.tolist()]
+        whole, totals = self._joined()
+        columns = zip(whole.T.tolist(), totals.tolist(), strict=True)
+        return [_delays(column, total, apart=apart) for column, total in columns]
 
-    def nearest(self) -> float:
-        """How near any stamp of these is to its arrival; infinity without any."""
-        whole = self._joined()
-        return float(np.minimum(whole[_BEHIND], -whole[_AHEAD]).min(initial=np.inf))
+    def nearest(self) -> int:
+        """How near any stamp of these is to its arrival; NEVER without any."""
+        whole, _ = self._joined()
+        return int(np.minimum(whole[_BEHIND], -whole[_AHEAD]).min(initial=NEVER))
 
-    def _joined(self) -> npt.NDArray[np.float64]:
-        whole = _columns(max(period.shape[1] for period in self._periods))
-        for period in self._periods:
-            part = whole[:, : period.shape[1]]
-            part[: _TOTAL + 1] += period[: _TOTAL + 1]
+    def _joined(self) -> tuple[Integers, Floats]:
+        whole = _columns(max(len(totals) for _, totals in self._periods))
+        sums = np.zeros(whole.shape[1])
+        for period, totals in self._periods:
+            part = whole[:, : len(totals)]
+            sums[: len(totals)] += totals
+            part[: _TIMED + 1] += period[: _TIMED + 1]
             for row, join in _JOINS:
                 join(part[row], period[row], out=part[row])
-        return whole
+        return whole, sums
 
 
 _JOINS = (
@@ -114,17 +120,17 @@ _JOINS = (
 )
 
 
-def _columns(count: int) -> npt.NDArray[np.float64]:
+def _columns(count: int) -> Integers:
     return np.repeat(_NOTHING[:, None], count, axis=1)
 
 
-def _delays(column: list[float], *, apart: bool) -> Delays:
-    count, timed, total, longest, gap, behind, ahead = column
-    known = min(behind, -ahead) < np.inf
-    nearest = int(behind if behind <= -ahead else ahead) if known else None
+def _delays(column: list[int], total: float, *, apart: bool) -> Delays:
+    count, timed, longest, gap, behind, ahead = column
+    nearest = behind if behind <= -ahead else ahead
+    known = None if nearest == NEVER else nearest
     if apart or not timed:
-        return Delays(int(count), None, None, int(gap), nearest)
-    return Delays(int(count), int(total // timed), int(longest), int(gap), nearest)
+        return Delays(count, None, None, gap, known)
+    return Delays(count, int(total // timed), longest, gap, known)
 
 
 class Rates:
@@ -179,7 +185,7 @@ class Rates:
         newest = groups.greatest(rows.stamps[groups.rows], self._newest)
         before = groups.before(newest, self._newest)
         gaps = np.where(before < 0, 0, rows.stamps[groups.rows] - before)
-        np.maximum.at(self._of_frames.grow(0)[_GAP], groups.subjects, gaps)
+        np.maximum.at(self._of_frames.grow(0)[0][_GAP], groups.subjects, gaps)
         self._newest[groups.subjects[groups.lasts]] = newest[groups.lasts]
 
     def forget(self, frames: Collection[str]) -> None:
@@ -227,7 +233,7 @@ class Rates:
 
     def _are_apart(self) -> bool:
         """Whether no stamp of any frame is near to its arrival: all are of another clock."""
-        return TIMELY < self._of_frames.nearest() < np.inf
+        return TIMELY < self._of_frames.nearest() < NEVER
 
     def _number_frames(self) -> None:
         """Number the children of new edges."""
