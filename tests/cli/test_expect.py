@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import tfdb
+from tfdb.cli.graph import Live
+from tfdb.cli.watch import watch_events
 from tfdb.judging import Expectation
 from tfdb.judging.follower import judge_changes
 from tfdb.judging.judge import Judge
@@ -151,6 +153,25 @@ def test_watch_prints_events_of_a_store(tool: Tool, name: str, tmp_path: Path) -
     said = tool("watch", f"shm:{name}", "--expect", file, "--for", "0.1", code=1)
     assert "stale: map -> base: lifespan 60 s (limit 5 s)" in said.out
     assert "0 errors, 0 warnings, 1 stale" in said.err
+
+
+def test_watch_goes_on_after_commits_that_it_missed(capsys: pytest.CaptureFixture[str]) -> None:
+    store = tfdb.Buffer()
+    expected = tfdb.Expectations([Expectation("map", "base", deadline=0.5, max_step=1)])
+    store.set_transform("map", "base", 10 * S, (0, 0, 0))
+    now, steps = 10 * S, iter(range(3))
+
+    def clock() -> int:
+        nonlocal now
+        now += S // 10
+        if next(steps, None) == 2:  # the first look at the feed follows
+            for i in range(20_000):
+                store.set_transform("map", "base", now + i, (i, 0, 0))
+        return now
+
+    events = list(watch_events(Live(store, clock), expected, S // 5))
+    assert events == []
+    assert "tfdb: warning: 20,000 commits were missed" in capsys.readouterr().err
 
 
 def test_a_recording_that_is_played_gives_the_same_events(bag: Path) -> None:

@@ -18,7 +18,7 @@ from tests.test_unreadable_members import Member, recording
 import tfdb
 from tfdb.cli.graph import Live
 from tfdb.judging.doctor import examine
-from tfdb.judging.follower import watch_arrivals
+from tfdb.judging.follower import Follower, watch_arrivals
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -314,6 +314,19 @@ def test_a_late_follower_continues(name: str, tool: Tool, monkeypatch: pytest.Mo
     monkeypatch.setattr("tfdb.judging.follower.watch_arrivals", lambda *_: arrivals)
     assert tool("check", f"shm:{name}", "--for", "1", "--json").json["missed_commits"] >= ahead
     assert "commits were missed" in tool("check", f"shm:{name}", "--for", "1").out
+
+
+def test_a_follower_waits_again_after_it_was_lapped() -> None:
+    store = tfdb.Buffer()
+    follower = Follower(Live(store))
+    for stamp in range(20_000):
+        store.set_transform("map", "base", stamp, (1, 2, 3), TURN)
+    assert follower.changes(0.0) == []
+    assert follower.missed == 20_000
+    assert follower.changes(0.0) == []
+    store.set_transform("map", "base", 20_000, (1, 2, 3), TURN)
+    (change,) = follower.changes(0.0)
+    assert change.commit == 20_001
 
 
 def test_findings_of_a_store(tool: Tool, name: str) -> None:

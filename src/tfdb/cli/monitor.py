@@ -15,7 +15,7 @@ from tfdb.data.time_text import format_duration
 from tfdb.judging.arrivals import Arrivals
 from tfdb.judging.events import BROKEN, CLOCKS
 from tfdb.judging.expectations import Expectations
-from tfdb.judging.follower import Follower, held_rows, stretches
+from tfdb.judging.follower import Follower, held_rows, judge_state, stretches
 from tfdb.judging.judge import Judge
 from tfdb.judging.proposing import fixed_rows, rows_of, span_of
 from tfdb.judging.rates import Delays, Frame, Rates
@@ -211,7 +211,10 @@ def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Scr
     shown = began + every / NS
     while True:
         until = shown if ends is None else min(shown, ends)
+        missed = follower.missed
         watch.take(follower.changes(until), live.now())
+        if follower.missed > missed and watch.judges:
+            judge_state(watch.judge, live.store, live.now())
         if time.monotonic() >= until:
             live.check()
             now = time.monotonic_ns()

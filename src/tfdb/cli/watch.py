@@ -75,7 +75,7 @@ def command(*, file: str, expect: str, length: int | None, as_json: bool) -> Non
 
 def watch_events(live: Live, expected: Expectations, length: int | None) -> Iterator[Event]:
     """Follow the commits, and yield the events as they come."""
-    from tfdb.judging.follower import Follower, held_rows, judge_changes  # noqa: PLC0415 - numpy
+    from tfdb.judging.follower import Follower, judge_changes, judge_state  # noqa: PLC0415 - numpy
     from tfdb.judging.judge import Judge  # noqa: PLC0415
 
     ends = math.inf if length is None else time.monotonic() + length / NS
@@ -85,11 +85,17 @@ def watch_events(live: Live, expected: Expectations, length: int | None) -> Iter
     with live.store.snapshot() as state:
         live.commit = state.commit
         follower = Follower(live)
-        yield from judge.feed(held_rows(judge, state, live.now()))
+        yield from judge_state(judge, state, live.now())
+    missed = 0
     while time.monotonic() < ends:
         changes = follower.changes(min(time.monotonic() + _LONGEST, ends))
         now = live.now()
         yield from judge_changes(judge, changes, now)
+        if follower.missed > missed:
+            text = f"{counted(follower.missed - missed, 'commit')} were missed"
+            output.say(f"tfdb: warning: {text}: they come faster than they are read", err=True)
+            missed = follower.missed
+            yield from judge_state(judge, live.store, now)
         yield from judge.advance(now)
         live.check()
 

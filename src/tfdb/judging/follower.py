@@ -78,7 +78,7 @@ def rows_of_changes(judge: Judge, changes: Sequence[Changes], arrival: int) -> R
     for change in changes:
         authorities += change.authorities
         for columns in (change.stored, change.stored_static):
-            if count := len(columns):
+            if count := len(columns.poses):
                 parents += columns.parents
                 children += columns.children
                 parts.append(columns)
@@ -113,6 +113,12 @@ def held_rows(judge: Judge, state: Reads, arrival: int) -> Rows:
         state.lookup_edges([each.name for each in infos]),
         np.array([each.is_static for each in infos], dtype=bool),
     )
+
+
+def judge_state(judge: Judge, state: Reads, arrival: int) -> list[Event]:
+    """Judge the newest sample of each edge, where commits before it went by unseen."""
+    judge.forget({child for _, child in judge.edges})
+    return judge.feed(held_rows(judge, state, arrival))
 
 
 class Followed(Protocol):
@@ -163,7 +169,7 @@ class Follower:
         except errors.FeedLapped:
             newest = live.store.commit
             self.missed += newest - self._told
-            self._told = newest
+            self._told = live.commit = newest
             return []
         self._told = live.commit = max(live.commit, found[-1].commit)
         return found

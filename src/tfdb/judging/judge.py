@@ -286,6 +286,8 @@ class Judge:
 
     def forget(self, frames: Collection[str]) -> None:
         """Forget the samples of frames whose edges were cleared: their stamps may begin anew."""
+        if not frames:
+            return
         chosen = [number for (_, child), number in self.edges.items() if child in frames]
         self._newest[chosen] = -1
         self._ahead[chosen] = -NEVER
