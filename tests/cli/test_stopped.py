@@ -33,6 +33,7 @@ WRITES = {
     "convert to .mcap for Foxglove": "convert IN OUT.mcap --foxglove",
     "convert to .tum": "convert IN OUT.tum --frames odom base_footprint",
     "convert to .npz": "convert IN OUT.npz --frames odom base_footprint",
+    "expect": "expect IN -o OUT.toml",
     "freeze": "freeze IN -o OUT.tfdb",
     "merge": "merge IN SECOND -o OUT.mcap",
     "plot": "plot IN tree --save OUT.png",

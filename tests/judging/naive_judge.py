@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from tfdb.judging.events import EVENT_KINDS
-from tfdb.judging.expectations import expected_authorities, limits_of_authority, limits_of_edge
+from tfdb.judging.expectations import edge_limits, expected_authorities, limits_of_authority
 
 if TYPE_CHECKING:
     from tfdb.judging.expectations import Expectations
@@ -56,7 +56,7 @@ class NaiveJudge:
             if each.is_exact:
                 edge = each.parent, each.child
                 self.subjects.append(edge)
-                limit = limits_of_edge(expectations, *edge).deadline or 0
+                limit = edge_limits(expectations)(*edge).deadline or 0
                 limit = max(limit, 1.0)
                 self.due["missing", edge] = start + round(limit * S), limit
         for name in expected_authorities(expectations):
@@ -138,7 +138,7 @@ class NaiveJudge:
 
     def check(self, row: Row) -> list[tuple[Any, ...]]:
         """All that a row bears on: kind, method and its arguments."""
-        limits, t, found = limits_of_edge(self.expectations, *row.edge), row.arrival, []
+        limits, t, found = edge_limits(self.expectations)(*row.edge), row.arrival, []
         if ("missing", row.edge) in self.broken:
             due, limit = self.due["missing", row.edge]
             found.append(("missing", self.met, row.edge, t, limit + (t - due) / S))

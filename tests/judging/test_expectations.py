@@ -14,8 +14,8 @@ from tfdb.judging.expectations import (
     AuthorityExpectation,
     Expectation,
     Expectations,
+    edge_limits,
     limits_of_authority,
-    limits_of_edge,
 )
 from tfdb.judging.judge import Judge
 from tfdb.judging.proposing import judge_recording, propose, recorded_arrivals, rows_of
@@ -52,13 +52,13 @@ def file(tmp_path: Path) -> Path:
 def test_a_file_is_read(file: Path) -> None:
     file.write_text(TEXT)
     found = tfdb.Expectations.read(file)
-    base = limits_of_edge(found, "odom", "base")
+    base = edge_limits(found)("odom", "base")
     assert (base.deadline, base.lifespan, base.max_turn) == (0.05, None, math.pi / 2)
     assert base.authority == ("ekf", "wheels")
     assert base.severity == {"deadline": "error"}
-    wheel = limits_of_edge(found, "base", "wheel_left")
+    wheel = edge_limits(found)("base", "wheel_left")
     assert (wheel.deadline, wheel.lifespan, wheel.max_speed) == (0.5, 2.0, 10.0)
-    assert limits_of_edge(found, "base", "camera").deadline == 0.5
+    assert edge_limits(found)("base", "camera").deadline == 0.5
     alive = limits_of_authority(found, "ekf")
     assert alive is not None
     assert alive.liveliness == 1.0
@@ -90,10 +90,10 @@ def test_an_exact_name_comes_before_a_pattern() -> None:
         ],
         default=Expectation(max_step=4, max_late=4),
     )
-    found = limits_of_edge(made, "odom", "base")
+    found = edge_limits(made)("odom", "base")
     limits = (found.deadline, found.lifespan, found.max_step, found.max_late)
     assert limits == (2, 1, 3, 4)
-    assert limits_of_edge(Expectations([Expectation("a.c", "[x]", 1)]), "abc", "x").deadline is None
+    assert edge_limits(Expectations([Expectation("a.c", "[x]", 1)]))("abc", "x").deadline is None
 
 
 FAULTS = [

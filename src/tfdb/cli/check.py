@@ -136,13 +136,13 @@ def judge_expectations(
     arrivals: Arrivals, expected: Expectations, found: list[Finding]
 ) -> list[Finding]:
     """Return what was found, with the broken expectations in place of what they judge."""
-    from tfdb.judging.expectations import limits_of_edge  # noqa: PLC0415 - with --expect alone
+    from tfdb.judging.expectations import edge_limits  # noqa: PLC0415 - with --expect alone
     from tfdb.judging.proposing import broken_expectations, judge_recording  # noqa: PLC0415
 
     names = arrivals.log.names
+    limits_of = edge_limits(expected)
     limits = {
-        edge.name: limits_of_edge(expected, names[edge.parents[-1]], edge.name)
-        for edge in arrivals.log.edges()
+        edge.name: limits_of(names[edge.parents[-1]], edge.name) for edge in arrivals.log.edges()
     }
     judged = {"gap": "deadline", "coverage": "deadline", "late": "max_late"}
     kept = [

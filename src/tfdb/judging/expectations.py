@@ -19,7 +19,7 @@ from .expectation_file import TIME, UNITS, ExpectationFile, text_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
 __all__ = ["AuthorityExpectation", "Expectation", "Expectations"]
 
@@ -84,6 +84,8 @@ class Expectation:
             for name in (*UNITS, "authority")
             if getattr(self, name) in (None, ())
         }
+        if not other.severity and not any(lacking.values()):
+            return self
         return replace(self, severity={**other.severity, **self.severity}, **lacking)
 
 
@@ -171,15 +173,19 @@ class Expectations:
         return text_of(self)
 
 
-def limits_of_edge(expectations: Expectations, parent: str, child: str) -> Expectation:
-    """Return what is expected of one edge."""
-    found = Expectation(parent, child)
-    edges = expectations.edges
-    matching = [each for each in edges if matches(each.parent, parent)]
-    matching = [each for each in matching if matches(each.child, child)]
-    for each in sorted(matching, key=lambda each: not each.is_exact):
-        found = found.over(each)
-    return found.over(expectations.default)
+def edge_limits(expectations: Expectations) -> Callable[[str, str], Expectation]:
+    """Return what gives the expectation of an edge, by its parent and child."""
+    exact = {(each.parent, each.child): each for each in expectations.edges if each.is_exact}
+    patterns = [each for each in expectations.edges if not each.is_exact]
+
+    def limits(parent: str, child: str) -> Expectation:
+        found = exact.get((parent, child)) or Expectation(parent, child)
+        for each in patterns:
+            if matches(each.parent, parent) and matches(each.child, child):
+                found = found.over(each)
+        return found.over(expectations.default)
+
+    return limits
 
 
 def limits_of_authority(expectations: Expectations, name: str) -> AuthorityExpectation | None:

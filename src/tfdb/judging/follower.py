@@ -180,12 +180,11 @@ def watch_arrivals(
 ) -> Arrivals:
     """Follow commits for a while, and include existing static edges."""
     judge = Judge(Expectations(), 0)
-    began = time.monotonic()
     with live.store.snapshot() as state:
         live.commit = state.commit
         held = held_rows(judge, state, 0)
         parts = [held.at(held.static)]
-    follower = Follower(live)
+    follower, began = Follower(live), time.monotonic()
     while (passed := time.monotonic() - began) < seconds:
         if progress is not None:
             progress(int(passed * 1000), int(seconds * 1000))

@@ -18,9 +18,9 @@ from tfdb.data.errors import InvalidArray
 
 from .events import ANOTHER_CLOCK, CLOCKS, EVENT_KINDS, Event
 from .expectations import (
+    edge_limits,
     expected_authorities,
     limits_of_authority,
-    limits_of_edge,
     matches,
 )
 
@@ -205,7 +205,7 @@ class Judge:
     """
 
     def __init__(self, expectations: Expectations, start: int) -> None:
-        self._expectations = expectations
+        self._expectations, self._limits = expectations, edge_limits(expectations)
         self._by_stamps = expectations.clock == "stamps"
         self._now = self._start = start
         self.active: dict[tuple[str, int], Event] = {}
@@ -295,7 +295,7 @@ class Judge:
         self._far[:, chosen] = 0
 
     def _add_edges(self, pairs: Sequence[tuple[str, str]], *, begun: bool = False) -> None:
-        found = [limits_of_edge(self._expectations, *pair) for pair in pairs]
+        found = [self._limits(*pair) for pair in pairs]
         for pair in pairs:
             self.edges[pair] = len(self.edge_names)
             self.edge_names.append(pair)
