@@ -504,6 +504,7 @@ void bind_buffer(nb::module_& module) {
     bind_waits(type);
     bind_wire(module, type);
     bind_transaction(module, type);
+    bind_watch(module, type);
     type.def(
         "snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),
         "Return a snapshot of the newest commit: many reads of one state, in a `with` statement.");

@@ -30,6 +30,7 @@ constexpr std::array kClassNames = {
     "CorruptMessage",
     "SnapshotTooOld",
     "SnapshotClosed",
+    "WatchClosed",
     "CapacityExceeded",
     "Conflict",
     "TransactionClosed",

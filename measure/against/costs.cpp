@@ -1,7 +1,7 @@
 // tfdb_costs: what tfdb costs where its data are unusual, or many: growth, late samples, held
 // snapshots, depth of history, names. Prints rows as tfdb_against_tf2 does.
 //
-//   tfdb_costs [--rounds N] [--samples N] [writes] [held] [depth] [names] [growth] [bytes]
+//   tfdb_costs [--rounds N] [--samples N] [writes] [held] [depth] [names] [growth] [bytes] [watch]
 //
 // A round fills stores of N samples (a million), so few of them do.
 
@@ -10,10 +10,12 @@
 #include <cstdio>
 #include <exception>
 #include <functional>
+#include <memory>
 #include <numeric>
 #include <optional>
 #include <random>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -21,6 +23,7 @@
 #include "tfdb/graph/names.hpp"
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/transaction.hpp"
+#include "tfdb/store/watch.hpp"
 
 namespace bench {
 namespace {
@@ -569,9 +572,56 @@ void bytes_rows(const Costs& costs) {
     state_row(costs);
 }
 
+/// A commit of ten beside 1,000 watches on other frames, some of which wait, and without them; the
+/// two stores take turns.
+void watch_rows(const Costs& costs) {
+    constexpr int kWatches = 1'000;
+    constexpr std::size_t kWaiting = 4;
+    constexpr StampNs kCommits = 40'000;
+    constexpr StampNs kTurn = 500;
+    Rounds rounds;
+    for (int round = 0; round < std::max(9, costs.rounds); ++round) {
+        Joints joints;
+        Buffer none = keeping_all();
+        Buffer watched = keeping_all();
+        std::vector<std::shared_ptr<tfdb::Watch>> watches;
+        for (int i = 0; i < kWatches; ++i) {
+            const std::string name = "other" + std::to_string(i);
+            watched.set_transform({"map", name, 1, kPose}, false, "");
+            watches.push_back(watched.watch({{}, {{"map", name}}}));
+        }
+        for (const auto& watch : watches)
+            keep(watch->next(watched.commit(), 0));
+        std::vector<std::thread> waiting;
+        for (std::size_t i = 0; i < kWaiting; ++i) {
+            waiting.emplace_back([&watched, watch = watches[i]] {
+                keep(watch->next(watched.commit(), std::nullopt));
+            });
+        }
+        double without = 0;
+        double with = 0;
+        for (StampNs stamp = 0; stamp < kCommits; stamp += kTurn) {
+            const auto write = [&](Buffer& buffer) {
+                return nanos_of([&] {
+                    for (StampNs i = stamp; i < stamp + kTurn; ++i)
+                        buffer.set_transforms(joints.at(i), false, "");
+                });
+            };
+            without += write(none);
+            with += write(watched);
+        }
+        watched.stop_waits(true);
+        for (std::thread& thread : waiting)
+            thread.join();
+        add(rounds, "no watch", 1e-3 * without / static_cast<double>(kCommits));
+        add(rounds, "1,000 watches on other frames", 1e-3 * with / static_cast<double>(kCommits));
+    }
+    print_row("a commit of ten, watched", 0, "us", rounds);
+}
+
 const std::pair<const char*, void (*)(const Costs&)> kGroups[] = {
-    {"writes", write_rows}, {"held", held_rows},     {"depth", depth_rows},
-    {"names", name_rows},   {"growth", growth_rows}, {"bytes", bytes_rows}};
+    {"writes", write_rows},  {"held", held_rows},   {"depth", depth_rows}, {"names", name_rows},
+    {"growth", growth_rows}, {"bytes", bytes_rows}, {"watch", watch_rows}};
 
 int run(const std::vector<std::string>& arguments) {
     Costs costs;

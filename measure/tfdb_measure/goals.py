@@ -303,6 +303,9 @@ def _bytes() -> Iterator[Goal]:
     state = "a state of 10,000 frames of ten samples"
     for name, goal in (("encode", 50), ("apply", 40)):
         yield at_most(f"{state}: {name}", goal, cost(state, name), unit="ms")
+    text = "a commit of ten beside 1,000 watches on other frames, against none"
+    row = "a commit of ten, watched"
+    yield at_most(text, 1.03, cost(row, "1,000 watches on other frames"), cost(row, "no watch"))
 
 
 def _rest() -> Iterator[Goal]:

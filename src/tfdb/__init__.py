@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 try:
     from ._core import (
         Transform,
+        Watch,
         __version__,
         decode_tf_message,
         encode_tf_message,
@@ -93,6 +94,7 @@ __all__ = [
     "TransformStamped",
     "UnknownFrame",
     "WaitTimeout",
+    "Watch",
     "__version__",
     "compare",
     "decode_tf_message",

@@ -1194,6 +1194,38 @@ class NativeBuffer(Reads):
     def _attempt(self, priority: int, alone: bool, age: int) -> Transaction:
         """A transaction that may run alone, and keeps the age of one that lost."""
 
+    def watch(self, frames: str | Iterable[str] = (), pairs: Iterable[tuple[str, str]] = ()) -> Watch:
+        """
+        Return a watch of frames and paths: `next` waits for the commits that touch them.
+
+        A commit touches a frame if it stores samples of it, or moves, clears, makes or removes it. It
+        touches a pair if it touches a frame of the path between the two, as the newest parents give it
+        before the commit or after it. The path is followed when a frame of it is moved, removed or made.
+
+        Parameters
+        ----------
+        frames
+            Names of frames, one or several; they may be missing yet.
+        pairs
+            Pairs (target, source) of frame names, as for `lookup_transform`. Of two frames that nothing
+            joins, the path goes up to both roots.
+
+        Returns
+        -------
+        Watch
+
+        Raises
+        ------
+        InvalidArgument
+            Neither frames nor pairs are given.
+        InvalidName
+            No frame can have the name.
+        NotSupported
+            Waits are not supported either: a research engine, a frozen store, or a shared one whose control
+            file this process may not write to.
+        BufferClosed, TransactionActive
+        """
+
     def snapshot(self) -> Snapshot:
         """
         Return a snapshot of the newest commit: many reads of one state, in a `with` statement.
@@ -1741,6 +1773,74 @@ class NativeTransaction:
     @property
     def _lost(self) -> bool:
         """Whether it ended by a Conflict of its own."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
+
+    def __repr__(self) -> str: ...
+
+class Watch:
+    """
+    Frames and paths whose commits a follower wants.
+
+    `Buffer.watch()` makes it. Use it as a context manager, or close() it.
+    """
+
+    def __init__(self) -> None: ...
+
+    def next(self, after: int, timeout: float | None = None) -> list[tfdb.types.Touched]:
+        """
+        Wait for commits after `after` that touch what is watched; return all of them so far.
+
+        It sleeps and reads the feed without the GIL. Other commits cost no Python and wake no thread. No
+        commit is missed, and none comes twice to a caller that goes on with the last one's number. A watch
+        whose `next` waits is not lapped by commits that do not touch it.
+
+        While a frame of a pair's path, or above it, has samples of several parents, every commit touches
+        the pair: which frames are on its path depends on the stamp. The same holds from a commit whose
+        state can be read no more on, as it may happen to a follower that is late, until the path can be
+        read again. A held snapshot of `after` prevents that.
+
+        Parameters
+        ----------
+        after
+            A commit: that of a snapshot, or of the last record.
+        timeout
+            Seconds, at most; None: for ever. 0: what is there.
+
+        Returns
+        -------
+        list[Touched]
+            In the order of commits, each with what it touched: names, and pairs as tuples. Empty at the end
+            of the timeout.
+
+        Raises
+        ------
+        FeedLapped
+            The feed of changes does not reach back to `after`: as for `Buffer.changes`.
+        InvalidArgument
+            The commit does not exist yet.
+        WatchClosed, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
+        removed meanwhile), Forked (in a child of the process that made the watch), TransactionActive
+        """
+
+    def close(self) -> None:
+        """
+        End `next` in all threads with WatchClosed. A second call does nothing.
+        """
+
+    @property
+    def closed(self) -> bool:
+        """True after close()."""
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The watched frames, each once."""
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """The watched pairs (target, source), each once."""
 
     def __enter__(self) -> Self: ...
 

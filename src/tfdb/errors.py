@@ -56,6 +56,7 @@ from .data.errors import (
     TransactionClosed,
     UnknownFrame,
     WaitTimeout,
+    WatchClosed,
     WrongThread,
 )
 
@@ -108,5 +109,6 @@ __all__ = [
     "TransactionClosed",
     "UnknownFrame",
     "WaitTimeout",
+    "WatchClosed",
     "WrongThread",
 ]

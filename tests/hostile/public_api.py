@@ -12,10 +12,11 @@ import tfdb
 
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
 ELSEWHERE |= {"read", "save", "write", "plot"}
+ELSEWHERE |= {"count", "index"}  # of tuples with names
 ELSEWHERE |= {"AsQuat", "Concurrency"}  # types for annotations
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}
-WAITING |= {"wait_for_transform_async", "wait_for_commit_async"}
+WAITING |= {"wait_for_transform_async", "wait_for_commit_async", "next"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""
 OTHERS = {("Transform", "to_msg")}
 """What returns objects of another face, some under names of this one."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 RECORDING = Path(__file__).resolve().parents[2] / "examples" / "data" / "pr2.mcap"
-CLASSES = (tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction)
+CLASSES = (tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb.Watch)
 STAMP = 1_500  # between the two of the arm
 NEVER = 10**9  # no frame has data there
 
@@ -112,6 +112,7 @@ def calls_that_wait(buffer: tfdb.Buffer) -> Table:
         "Buffer.set_transforms partial columns": lambda: buffer.set_transforms(
             columns, partial=True
         ),
+        "Watch.next": lambda: buffer.watch("hand").next(buffer.commit),
         "Buffer.wait_for_commit": lambda: buffer.wait_for_commit(buffer.commit),
         "Buffer.wait_for_commit_async": lambda: asyncio.run(wait_for_commit()),
         "Buffer.wait_for_transform": lambda: buffer.wait_for_transform("map", "hand", NEVER),
@@ -186,11 +187,17 @@ def calls_that_answer(buffer: tfdb.Buffer, name: str, folder: Path) -> Table:
         "Buffer.snapshot": buffer.snapshot,
         "Buffer.transaction": buffer.transaction,
         "Buffer.unlink": remove,
+        "Buffer.watch": lambda: buffer.watch("hand"),
         "Snapshot.at": on_snapshot(buffer, lambda reads: reads.at(reads.commit)),
         "Snapshot.close": on_snapshot(buffer, lambda reads: reads.close()),
         "Snapshot.freeze": on_snapshot(
             buffer, lambda reads: reads.freeze(folder / "snapshot.tfdb")
         ),
+        "Watch.close": lambda: buffer.watch("hand").close(),
+        "Watch.closed": lambda: buffer.watch("hand").closed,
+        "Watch.frames": lambda: buffer.watch("hand").frames,
+        "Watch.pairs": lambda: buffer.watch("hand").pairs,
+        "Watch.next at once": lambda: buffer.watch("hand").next(0),
         "Snapshot.state_bytes": on_snapshot(buffer, lambda reads: reads.state_bytes()),
     }
     for called, call in READS.items():

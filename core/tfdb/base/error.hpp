@@ -30,6 +30,7 @@ enum class ErrorCode : std::uint8_t {
     kCorruptMessage,
     kSnapshotTooOld,
     kSnapshotClosed,
+    kWatchClosed,
     kCapacityExceeded,
     kConflict,
     kTransactionClosed,
@@ -124,6 +125,7 @@ using InvalidName = ErrorOf<ErrorCode::kInvalidName>;
 using InvalidArgument = ErrorOf<ErrorCode::kInvalidArgument>;
 using SnapshotTooOld = ErrorOf<ErrorCode::kSnapshotTooOld>;
 using SnapshotClosed = ErrorOf<ErrorCode::kSnapshotClosed>;
+using WatchClosed = ErrorOf<ErrorCode::kWatchClosed>;
 using CapacityExceeded = ErrorOf<ErrorCode::kCapacityExceeded>;
 using Conflict = ErrorOf<ErrorCode::kConflict>;
 using TransactionClosed = ErrorOf<ErrorCode::kTransactionClosed>;

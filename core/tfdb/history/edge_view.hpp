@@ -76,6 +76,15 @@ public:
     /// True only if all samples name one parent (by its slot, which may have had another frame).
     [[nodiscard]] bool one_parent() const { return (topology_ & Topology::kMixedParents) == 0; }
 
+    /// True only if all samples that the snapshot retained, also those that were evicted since,
+    /// name one parent. A static edge has one sample.
+    [[nodiscard]] bool had_one_parent() const {
+        return empty() || is_static() ||
+               (one_parent() &&
+                (!may_miss() || (word(kSince).load_relaxed() <= snapshot_ &&
+                                 as_stamp(word(kParentFrom).load_relaxed()) <= cutoff())));
+    }
+
     /// True if all that was read since `open` was whole.
     [[nodiscard]] bool confirm() const {
         Memory::fence_acquire();

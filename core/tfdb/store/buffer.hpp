@@ -280,6 +280,8 @@ enum class Layout : std::uint8_t { kPose, kMatrix };  // rows of 7, or of 16 (4x
 enum class Missing : std::uint8_t { kThrow, kNan };
 
 class Snapshot;
+class Watch;
+struct Watched;
 
 /// The reads that a Buffer (each from a fresh snapshot) and a Snapshot (from its own) share.
 /// Threads: any number may call anything at once. Guarantee: in the default engine no read takes
@@ -552,6 +554,10 @@ public:
     void end_waits() const;
     /// The same, as if the time of each were over, until it is called with false.
     void stop_waits(bool stop) const;
+
+    /// Follows frames and paths: see store/watch.hpp. Throws InvalidArgument for an empty watch,
+    /// InvalidName, and what `wait_for_commit` throws; NotSupported for a frozen store.
+    [[nodiscard]] std::shared_ptr<Watch> watch(const Watched& watched) const;
 
     /// Throws TransactionActive if this thread has a transaction of the store open: a read beside
     /// it would be of another state, and validation would miss it.

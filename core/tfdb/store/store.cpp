@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "tfdb/store/waits.hpp"
 #include "tfdb/txn/repair.hpp"
 
 namespace tfdb::store {

@@ -20,7 +20,6 @@
 #include "tfdb/store/engine.hpp"
 #include "tfdb/store/positions.hpp"
 #include "tfdb/store/transaction_life.hpp"
-#include "tfdb/store/waits.hpp"
 #include "tfdb/store/writer_lock.hpp"
 #include "tfdb/sync/fork.hpp"
 #include "tfdb/txn/commit.hpp"
@@ -35,6 +34,8 @@ using StoreCommit = txn::Commit<StoreMemory>;
 using StoreFeed = txn::Feed<StoreMemory>;
 
 namespace store {
+
+class Waits;
 
 /// The region with the forest in it, and what only the writers of this process need.
 /// Threads: reads any; `scratch`, `items` and `samples` only under `lock`.

@@ -143,24 +143,26 @@ bool has_sound_names(const TransformView& transform) noexcept {
     return name_fault(transform.parent) == nullptr && name_fault(transform.child) == nullptr;
 }
 
+void check_may_exist(std::string_view name, const char* what) {
+    const char* const fault = name_fault(name);
+    if (fault == nullptr)
+        return;
+    ErrorDetail detail;
+    detail.frame = name;
+    detail.reason = fault;
+    throw InvalidName(std::string(what) + " frame name " + quoted(name) + " " + fault + kNameRule,
+                      std::move(detail));
+}
+
 void check_may_exist(const Question& question) {
-    const auto check = [](const FrameRef& frame, const char* role) {
-        if (frame.name.data() == nullptr)
-            return;
-        const char* const fault = name_fault(frame.name);
-        if (fault == nullptr)
-            return;
-        ErrorDetail detail;
-        detail.frame = frame.name;
-        detail.reason = fault;
-        throw InvalidName(std::string("the wait would never end: the ") + role + " frame name " +
-                              quoted(frame.name) + " " + fault + kNameRule,
-                          std::move(detail));
+    const auto check = [](const FrameRef& frame, const char* what) {
+        if (frame.name.data() != nullptr)
+            check_may_exist(frame.name, what);
     };
-    check(question.target, "target");
-    check(question.source, "source");
+    check(question.target, "the wait would never end: the target");
+    check(question.source, "the wait would never end: the source");
     if (question.kind == Question::kFull)
-        check(question.fixed, "fixed");
+        check(question.fixed, "the wait would never end: the fixed");
 }
 
 std::string quoted(std::string_view name) {

@@ -55,6 +55,8 @@ using Fault = std::optional<Error>;
 /// Judges the names of a member of which one is new to the store: InvalidName.
 [[nodiscard]] Fault fault_of_names(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
+/// Throws InvalidName where no frame can ever have the name; `what` begins the message.
+void check_may_exist(std::string_view name, const char* what);
 /// Throws InvalidName where the question has a name that no frame can ever have.
 void check_may_exist(const Question& question);
 /// Judges a sample against its edge: StaticConflict, TooOld, RepeatedStamp.

@@ -2,15 +2,16 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "tfdb/base/error.hpp"
 #include "tfdb/memory/file.hpp"
+#include "tfdb/store/path_frames.hpp"
 #include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
 
 namespace tfdb::store {
 
-using history::Topology;
 using txn::FeedNote;
 
 /// A wait's dependence on a frame, in the frame's list.
@@ -21,9 +22,10 @@ struct Waits::Look {
     Look** from = nullptr;  // what points to this one
 };
 
-/// One wait: for an answer, or for a commit.
+/// One wait, for an answer or for a commit; or a watch, which goes on when it was touched.
 /// Threads: as Waits. Guarantee: none.
 struct Waits::Wait {
+    explicit Wait(const sync::Word& of_watch) : closed(&of_watch) {}
     explicit Wait(const Question& asked) : question(asked) {}
     explicit Wait(CommitNumber commit) : after(commit) {}
 
@@ -43,8 +45,34 @@ struct Waits::Wait {
     std::array<std::string, 3> names{};
     std::vector<Look> looks{};  // each frame once
     std::uint64_t touched = 0;  // the round that found it touched last
-    WaitGroup::Waiter waiter{};
+    Sleeper* sleepers = nullptr;
     std::uint64_t number = 0;  // of one that was begun
+    WaitEnd how = WaitEnd::kTimedOut;
+    const sync::Word* closed = nullptr;  // a watch's; null: it is none
+    // A watch: nothing touched its looks after the one commit, until the other; none: to the newest
+    // that was looked at.
+    CommitNumber quiet_after = 0;
+    std::optional<CommitNumber> quiet_until{};
+    std::uint64_t news = 0;  // how often it was touched, or got other looks
+};
+
+/// A thread that waits. Threads: as Waits. Guarantee: in the wait's list for its lifetime.
+struct Waits::Sleeper {
+    explicit Sleeper(Wait& slept_for) : wait(slept_for), next(slept_for.sleepers) {
+        wait.sleepers = this;
+    }
+    ~Sleeper() {
+        Sleeper** from = &wait.sleepers;
+        while (*from != this)
+            from = &(*from)->next;
+        *from = next;
+    }
+    Sleeper(const Sleeper&) = delete;
+    Sleeper& operator=(const Sleeper&) = delete;
+
+    Wait& wait;
+    Sleeper* next;
+    WaitGroup::Waiter waiter{};
     WaitEnd how = WaitEnd::kTimedOut;
 };
 
@@ -79,8 +107,9 @@ WaitEnd Waits::wait(Wait& wait, Patience patience) {
     if (!add(wait))
         return wait.how;
     try {
+        Sleeper me(wait);
         group_.wait(
-            wait.waiter, [this] { look(); }, patience);
+            me.waiter, [this] { look(); }, patience);
     } catch (...) {
         remove(wait);
         throw;
@@ -164,6 +193,49 @@ std::vector<EndedWait> Waits::ended(Patience patience) {
     return taken;
 }
 
+std::shared_ptr<Waits::Wait> Waits::new_watch(const sync::Word& closed) {
+    return std::make_shared<Wait>(closed);
+}
+
+Waits::Looked Waits::look_at(Wait& watch, const std::vector<FrameId>& frames) {
+    const WaitGroup::Locked locked(group_);
+    if (watch.closed->load_acquire() != 0)
+        return {};
+    begin_looking();
+    Looked looked{watch.quiet_after, watch.quiet_until.value_or(seen_), watch.news};
+    if (enter(watch, frames)) {
+        looked = {0, 0, ++watch.news};
+        wake(watch, WaitEnd::kCame);
+        group_.tell();
+        watch.quiet_after = seen_;
+    } else if (watch.quiet_until) {
+        watch.quiet_after = seen_;
+    }
+    watch.quiet_until.reset();
+    return looked;
+}
+
+WaitEnd Waits::sleep(Wait& watch, std::uint64_t news, Patience patience) {
+    const WaitGroup::Locked locked(group_);
+    // Without looks: it is closed, or was ended by a stop since when waits may begin again.
+    if (watch.news != news || watch.closed->load_acquire() != 0 ||
+        (watch.looks.empty() && !closed_))
+        return WaitEnd::kCame;
+    if (closed_)
+        return *closed_;
+    Sleeper me(watch);
+    group_.wait(
+        me.waiter, [this] { look(); }, patience);
+    return me.how;
+}
+
+void Waits::leave(Wait& watch) noexcept {
+    const WaitGroup::Locked locked(group_);
+    remove(watch);
+    wake(watch, WaitEnd::kCame);
+    group_.tell();
+}
+
 void Waits::close(WaitEnd how) {
     const WaitGroup::Locked locked(group_);
     look();  // what has come has come
@@ -183,17 +255,21 @@ void Waits::reopen() {
 
 /// False: it has ended already, with `how`.
 bool Waits::add(Wait& wait) {
-    if (looks_.empty()) {
-        seen_ = store_.committed();
-        seen_removals_ = removals();
-    }
+    begin_looking();
     if (is_answered(wait))
         wait.how = WaitEnd::kCame;
     else if (closed_)
         wait.how = *closed_;
     else
-        look_at(wait, frames_of(wait));
+        (void)enter(wait, frames_of(wait));
     return !wait.looks.empty();
+}
+
+void Waits::begin_looking() {
+    if (!looks_.empty())
+        return;
+    seen_ = store_.committed();
+    seen_removals_ = removals();
 }
 
 void Waits::remove(Wait& wait) noexcept {
@@ -201,11 +277,11 @@ void Waits::remove(Wait& wait) noexcept {
     wait.looks.clear();
 }
 
-/// All or nothing, if it throws.
-void Waits::look_at(Wait& wait, const std::vector<FrameId>& frames) {
+/// All or nothing, if it throws. False: it looks at these frames already.
+bool Waits::enter(Wait& wait, const std::vector<FrameId>& frames) {
     const auto is_of = [](const Look& look, FrameId frame) { return look.frame == frame; };
     if (std::equal(wait.looks.begin(), wait.looks.end(), frames.begin(), frames.end(), is_of))
-        return;
+        return false;
     std::vector<Look> looks;
     try {
         for (const FrameId frame : frames) {
@@ -226,6 +302,7 @@ void Waits::look_at(Wait& wait, const std::vector<FrameId>& frames) {
     }
     wait.looks.swap(looks);
     unlink(looks);
+    return true;
 }
 
 /// Of these frames, those that no wait depends on.
@@ -247,13 +324,19 @@ void Waits::unlink(std::vector<Look>& looks) noexcept {
     }
 }
 
+void Waits::wake(Wait& wait, WaitEnd how) noexcept {
+    for (Sleeper* sleeper = wait.sleepers; sleeper != nullptr; sleeper = sleeper->next) {
+        sleeper->how = how;
+        group_.end(sleeper->waiter);
+    }
+}
+
 void Waits::end(Wait& wait, WaitEnd how) noexcept {
     remove(wait);
     wait.how = how;
-    if (wait.number == 0) {
-        group_.end(wait.waiter);
+    wake(wait, how);
+    if (wait.number == 0)
         return;
-    }
     ended_.push_back({wait.number, how});
     begun_.erase(wait.number);
     if (teller_ != nullptr)
@@ -280,31 +363,34 @@ bool Waits::is_answered(Wait& wait) {
 /// both roots, for whatever their edges say decides; of one that had several parents anything may.
 /// A root is touched by the commit that gives it a parent.
 std::vector<FrameId> Waits::frames_of(const Wait& wait) const {
+    constexpr int kTries = 4;
     if (wait.after)
         return {kCommits};
     const Question& question = wait.question;
     std::vector<FrameId> frames;
-    climb(question.target.handle.id, frames);
-    climb(question.source.handle.id, frames);
-    if (question.kind == Question::kFull)
-        climb(question.fixed.handle.id, frames);
+    bool whole = false;
+    for (int i = 0; i < kTries && !whole; ++i) {
+        frames.clear();
+        const StoreView view = store_.view(store_.committed());
+        const auto add = [&](const FrameRef& frame) {
+            Chain chain;
+            if (frame.handle.id >= store_.frames.count())
+                chain.frames.push_back(kBirths);
+            else if (!climb(view, frame.handle.id, chain))
+                return false;
+            else if (chain.sure < chain.frames.size())
+                chain.frames.push_back(kCommits);
+            frames.insert(frames.end(), chain.frames.begin(), chain.frames.end());
+            return true;
+        };
+        whole = add(question.target) && add(question.source) &&
+                (question.kind != Question::kFull || add(question.fixed));
+    }
+    if (!whole)
+        frames.push_back(kCommits);
     std::sort(frames.begin(), frames.end());
     frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
     return frames;
-}
-
-void Waits::climb(FrameId from, std::vector<FrameId>& frames) const {
-    const std::uint32_t count = store_.frames.count();
-    if (from >= count)
-        frames.push_back(kBirths);
-    // A commit that is under way may close a cycle for a short time.
-    for (std::uint32_t steps = 0; from < count && steps <= count; ++steps) {
-        frames.push_back(from);
-        const std::uint64_t topology = store_.frames.topology(from);
-        if ((topology & Topology::kMixedParents) != 0)
-            frames.push_back(kCommits);
-        from = Topology::parent(topology);
-    }
 }
 
 /// What was committed since it looked last.
@@ -317,10 +403,16 @@ void Waits::look() {
     if (newest != seen_ && !looks_.empty()) {
         collect_touched(newest);
         for (Wait* const wait : touched_) {
-            if (is_answered(*wait))
+            if (wait->closed != nullptr) {
+                if (!wait->quiet_until)
+                    wait->quiet_until = seen_;
+                ++wait->news;
+                wake(*wait, WaitEnd::kCame);
+            } else if (is_answered(*wait)) {
                 end(*wait, WaitEnd::kCame);
-            else
-                look_at(*wait, frames_of(*wait));
+            } else {
+                (void)enter(*wait, frames_of(*wait));
+            }
         }
     }
     // Last: after an exception the next look begins anew.
@@ -338,31 +430,26 @@ void Waits::collect_touched(CommitNumber newest) {
             touched_.push_back(look->wait);
         }
     };
-    if (StoreFeed(store_.frames).read(seen_ + 1, newest, words_, ends_)) {
-        for (const FrameId frame : noted_frames()) {
-            if (const auto found = looks_.find(frame); found != looks_.end())
-                collect(found->second);
-        }
-    } else {
+    if (!notes_.read(store_, seen_ + 1, newest)) {
         for (const auto& [frame, first] : looks_)
             collect(first);
+        return;
+    }
+    for (const FrameId frame : noted_frames(newest)) {
+        if (const auto found = looks_.find(frame); found != looks_.end())
+            collect(found->second);
     }
 }
 
 /// Those that the notes name, each once however often it is noted, and what stands for more.
-const std::vector<FrameId>& Waits::noted_frames() {
+const std::vector<FrameId>& Waits::noted_frames(CommitNumber newest) {
     noted_.assign(1, kCommits);
-    std::size_t at = 0;
-    for (const std::size_t end : ends_) {
-        while (at < end) {
-            const std::uint64_t note = words_[at++];
-            if ((FeedNote::what(note) & FeedNote::kRemoved) != 0)
-                at += FeedNote::name_words(note);
+    for (CommitNumber commit = seen_ + 1; commit <= newest; ++commit) {
+        notes_.for_each(commit, [this](std::uint64_t note, const std::string& /*name*/) {
             if ((FeedNote::what(note) & FeedNote::kMade) != 0)
                 noted_.push_back(kBirths);
             noted_.push_back(FeedNote::id(note));
-        }
-        at = end;
+        });
     }
     std::sort(noted_.begin(), noted_.end());
     noted_.erase(std::unique(noted_.begin(), noted_.end()), noted_.end());
@@ -389,8 +476,23 @@ void check_can_wait(const store::Store& store) {
     store::check_not_in_transaction(store);
 }
 
-/// Throws where waits are not supported.
-store::Waits& waits_of(const store::Store& store) {
+/// Whether a commit after that one is there, even if waits are not supported.
+bool is_there(const store::Store& store, CommitNumber after) {
+    check_can_wait(store);
+    return store.committed() > after;
+}
+
+bool came(const store::Store& store, WaitEnd end) {
+    if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved)
+        store::raise_ended_wait(store, end);
+    return end == WaitEnd::kCame;
+}
+
+}  // namespace
+
+namespace store {
+
+Waits& waits_of(const Store& store) {
     check_can_wait(store);
     if (store.shared != nullptr && store.shared->control == nullptr) {
         ErrorDetail detail;
@@ -408,22 +510,6 @@ store::Waits& waits_of(const store::Store& store) {
     return store.waits();
 }
 
-/// Whether a commit after that one is there, even if waits are not supported.
-bool is_there(const store::Store& store, CommitNumber after) {
-    check_can_wait(store);
-    return store.committed() > after;
-}
-
-bool came(const store::Store& store, WaitEnd end) {
-    if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved)
-        store::raise_ended_wait(store, end);
-    return end == WaitEnd::kCame;
-}
-
-}  // namespace
-
-namespace store {
-
 void raise_ended_wait(const Store& store, WaitEnd end) {
     if (end == WaitEnd::kClosed)
         throw BufferClosed("the buffer was closed: open the store again, or create another Buffer");
@@ -440,21 +526,21 @@ void raise_ended_wait(const Store& store, WaitEnd end) {
 
 bool Buffer::wait_for(const Question& question, std::optional<std::int64_t> timeout_ns) const {
     store::check_may_exist(question);
-    return came(*store_, waits_of(*store_).wait(question, store::Patience(timeout_ns)));
+    return came(*store_, store::waits_of(*store_).wait(question, store::Patience(timeout_ns)));
 }
 
 bool Buffer::wait_for_commit(CommitNumber after, std::optional<std::int64_t> timeout_ns) const {
     return is_there(*store_, after) ||
-           came(*store_, waits_of(*store_).wait(after, store::Patience(timeout_ns)));
+           came(*store_, store::waits_of(*store_).wait(after, store::Patience(timeout_ns)));
 }
 
 std::uint64_t Buffer::begin_wait(const Question& question) const {
     store::check_may_exist(question);
-    return waits_of(*store_).begin(question);
+    return store::waits_of(*store_).begin(question);
 }
 
 std::uint64_t Buffer::begin_wait_for_commit(CommitNumber after) const {
-    return is_there(*store_, after) ? 0 : waits_of(*store_).begin(after);
+    return is_there(*store_, after) ? 0 : store::waits_of(*store_).begin(after);
 }
 
 bool Buffer::cancel_wait(std::uint64_t number) const {

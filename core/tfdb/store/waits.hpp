@@ -10,13 +10,12 @@
 #include <vector>
 
 #include "tfdb/base/interruption.hpp"
+#include "tfdb/store/feed_notes.hpp"
 #include "tfdb/store/question.hpp"
 #include "tfdb/store/wait_end.hpp"
 #include "tfdb/sync/wait_group.hpp"
 
 namespace tfdb::store {
-
-struct Store;
 
 /// How long one waits, and that a signal may end it.
 /// Threads: one. Guarantee: none.
@@ -32,10 +31,11 @@ private:
     std::int64_t until_ = std::numeric_limits<std::int64_t>::max();
 };
 
-/// The waits of one process on one store. The leading thread reads the change feed and
-/// repeats the question of each wait whose path a commit touched, or whose missing frame it made.
-/// Threads: any. Guarantee: `wait` and `ended` block, the others only against each other. Each
-/// wait ends once, with a `WaitEnd`.
+/// The waits and watches of one process on one store. The leading thread reads the change feed and
+/// repeats the question of each wait whose path a commit touched, or whose missing frame it made;
+/// of a watch it wakes the threads.
+/// Threads: any. Guarantee: `wait`, `sleep` and `ended` block, the others only against each other.
+/// Each wait ends once, with a `WaitEnd`.
 class Waits {
 public:
     /// `commit_event`: notified behind each commit.
@@ -64,6 +64,24 @@ public:
     /// The same, but takes none. One thread at a time waits in these two.
     void await_ended(Patience patience);
 
+    /// What a watch looks at.
+    struct Wait;
+    /// `closed`: not 0 once it is closed.
+    [[nodiscard]] static std::shared_ptr<Wait> new_watch(const sync::Word& closed);
+    struct Looked {
+        // The commits after the first, to the second, touched nothing.
+        CommitNumber quiet_after = 0;
+        CommitNumber quiet_until = 0;
+        std::uint64_t news = 0;  // for `sleep`
+    };
+    /// Has a watch look at these frames from now on: sorted, each once; they may be kBirths and
+    /// kCommits. If they are others than before, its threads wake as if they had been touched.
+    [[nodiscard]] Looked look_at(Wait& watch, const std::vector<FrameId>& frames);
+    /// Waits until one of them is touched; does not wait if that was so since that `look_at`.
+    [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t news, Patience patience);
+    /// The watch looks at nothing any more, and its threads wake as if it had been touched.
+    void leave(Wait& watch) noexcept;
+
     /// All waits end now, and so do those that come: as kClosed or kStopped. The first kClosed
     /// stays.
     void close(WaitEnd how);
@@ -71,29 +89,27 @@ public:
     void reopen();
 
 private:
-    struct Wait;
     struct Look;
+    struct Sleeper;
     using WaitGroup = sync::WaitGroup;
-    // What a wait looks at beside frames. No frame has these numbers.
-    static constexpr FrameId kBirths = kNoFrame;       // frames that are not there yet
-    static constexpr FrameId kCommits = kNoFrame + 1;  // every commit
 
     [[nodiscard]] WaitEnd wait(Wait& wait, Patience patience);
     [[nodiscard]] std::uint64_t begin(std::unique_ptr<Wait> wait);
     [[nodiscard]] bool is_answered(Wait& wait);
     bool add(Wait& wait);
     void remove(Wait& wait) noexcept;
-    void look_at(Wait& wait, const std::vector<FrameId>& frames);
+    bool enter(Wait& wait, const std::vector<FrameId>& frames);
+    void begin_looking();
     void forget(const std::vector<FrameId>& frames) noexcept;
     void unlink(std::vector<Look>& looks) noexcept;
+    void wake(Wait& wait, WaitEnd how) noexcept;
     void end(Wait& wait, WaitEnd how) noexcept;
     void end_all(WaitEnd how) noexcept;
     void stay_until_ended(Patience patience);
     void look();
     void collect_touched(CommitNumber newest);
-    const std::vector<FrameId>& noted_frames();
+    const std::vector<FrameId>& noted_frames(CommitNumber newest);
     [[nodiscard]] std::vector<FrameId> frames_of(const Wait& wait) const;
-    void climb(FrameId from, std::vector<FrameId>& frames) const;
     [[nodiscard]] std::uint64_t removals() const;
 
     const Store& store_;
@@ -108,14 +124,15 @@ private:
     std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;
     std::vector<EndedWait> ended_;
     WaitGroup::Waiter* teller_ = nullptr;  // the thread that waits for ends, or null
-    std::vector<std::uint64_t> words_;     // of the feed
-    std::vector<std::size_t> ends_;
+    FeedNotes notes_;
     std::vector<FrameId> noted_;
     std::vector<Wait*> touched_;
     std::uint64_t round_ = 0;
     Answer answer_;
 };
 
+/// Throws NotSupported, TransactionActive, Forked.
+[[nodiscard]] Waits& waits_of(const Store& store);
 [[noreturn]] void raise_ended_wait(const Store& store, WaitEnd end);
 
 }  // namespace tfdb::store

@@ -64,6 +64,7 @@ __all__ = [
     "TransactionClosed",
     "UnknownFrame",
     "WaitTimeout",
+    "WatchClosed",
     "WrongThread",
 ]
 
@@ -276,6 +277,10 @@ class SnapshotTooOld(TfdbError):
 
 class SnapshotClosed(TfdbError):
     """The snapshot was closed before it was read. Fields: commit."""
+
+
+class WatchClosed(TfdbError):
+    """The watch was closed before or during the call."""
 
 
 class CapacityExceeded(TfdbError):

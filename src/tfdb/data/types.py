@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from tfdb._core import pose_parts, poses_of_matrices
 
@@ -40,6 +40,7 @@ __all__ = [
     "Refused",
     "RefusedEdge",
     "Shared",
+    "Touched",
     "TransformStamped",
     "TreeColumns",
     "Twist",
@@ -440,6 +441,15 @@ class Position:
     """The epoch of the other store."""
     commit: int
     """The last commit of it that has been applied."""
+
+
+class Touched(NamedTuple):
+    """A commit that touched what is watched, from `Watch.next`."""
+
+    commit: int
+    """Number of the commit."""
+    what: tuple[str | tuple[str, str], ...]
+    """What it touched of the watch: names of frames, then pairs (target, source)."""
 
 
 @dataclass(frozen=True, slots=True)
