@@ -169,8 +169,7 @@ def test_watch_goes_on_after_commits_that_it_missed(capsys: pytest.CaptureFixtur
                 store.set_transform("map", "base", now + i, (i, 0, 0))
         return now
 
-    events = list(watch_events(Live(store, clock), expected, S // 5))
-    assert events == []
+    assert not any(watch_events(Live(store, clock), expected, S // 5))
     assert "tfdb: warning: 20,000 commits were missed" in capsys.readouterr().err
 
 

@@ -12,18 +12,20 @@ from typing import TYPE_CHECKING
 import click
 
 from tfdb.data.counting import counted
+from tfdb.ros.diagnostics import LEVELS, DiagnosticStatus, encode_diagnostics
 
 from . import common, layout, output
 from .expect import expect_option_of
-from .graph import live_source, node_option
+from .graph import is_graph, live_source, node_option
 from .groups import SuggestingCommand
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from tfdb.judging.events import Event
     from tfdb.judging.expectations import Expectations
+    from tfdb.ros import Node
 
     from .graph import Live
 
@@ -39,9 +41,16 @@ _STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "stale": "ma
 @click.option(
     "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
 )
+@click.option(
+    "--diagnostics",
+    is_flag=True,
+    help="Publish the state of the expectations on /diagnostics of the graph, once a second.",
+)
 @node_option
 @common.json_lines_option
-def command(*, file: str, expect: str, length: int | None, as_json: bool) -> None:
+def command(
+    *, file: str, expect: str, length: int | None, diagnostics: bool, as_json: bool
+) -> None:
     """Print an event when live data breaks an expectation or meets it again.
 
     Example: tfdb watch ros2: --expect expectations.toml
@@ -58,13 +67,19 @@ def command(*, file: str, expect: str, length: int | None, as_json: bool) -> Non
             f"{file} is not live: give shm:NAME, ros1: or ros2:; 'tfdb check --expect' judges a "
             "recording"
         )
+    if diagnostics and not is_graph(file):
+        raise click.UsageError(f"--diagnostics goes with ros1: or ros2:, and {file} is a store")
     expected = Expectations.read(expect)
     counts: Counter[str] = Counter()
     with live_source(file, history=_KEPT) as live:
+        publisher = Diagnostics(live.node) if diagnostics and live.node is not None else None
         try:
-            for event in watch_events(live, expected, length):
-                counts[event.severity] += 1
-                _show(event, as_json=as_json)
+            for events in watch_events(live, expected, length):
+                for event in events:
+                    counts[event.severity] += 1
+                    _show(event, as_json=as_json)
+                if publisher is not None:
+                    publisher.take(events)
         finally:
             if not as_json:
                 found = [counted(counts[each], each) for each in ("error", "warning")]
@@ -73,8 +88,41 @@ def command(*, file: str, expect: str, length: int | None, as_json: bool) -> Non
         click.get_current_context().exit(1)
 
 
-def watch_events(live: Live, expected: Expectations, length: int | None) -> Iterator[Event]:
-    """Follow the commits, and yield the events as they come."""
+class Diagnostics:
+    """Publishes the state of each edge and authority that has had an event, and a summary."""
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._next = node, 0.0
+        self._publisher = node.advertise("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+        self._subjects: dict[str, dict[str, Event]] = {}
+
+    def take(self, events: Sequence[Event]) -> None:
+        """Take events, and publish if there are any or a second has passed."""
+        for event in events:
+            kinds = self._subjects.setdefault(event.subject, {})
+            kinds[event.kind] = event
+        if events or time.monotonic() >= self._next:
+            self._next = time.monotonic() + 1
+            cdr = self._node.encoding != "ros1"
+            statuses = self._statuses()
+            self._publisher.publish(encode_diagnostics(self._node.now(), statuses, cdr=cdr))
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        made, broken = [], 0
+        for subject, kinds in self._subjects.items():
+            worst = min(kinds.values(), key=lambda event: event.rank)
+            now = [event for event in kinds.values() if event.begins]
+            broken += bool(now)
+            message = ", ".join(f"{event.kind} {event.measured}".rstrip() for event in now) or "OK"
+            values = {kind: str(event.count) for kind, event in kinds.items()}
+            made.append(DiagnosticStatus(worst.severity, f"tfdb: {subject}", message, values))
+        level = max((LEVELS.index(each.level) for each in made), default=0)
+        message = f"{broken} broken" if broken else "OK"
+        return [DiagnosticStatus(LEVELS[level], "tfdb: expectations", message), *made]
+
+
+def watch_events(live: Live, expected: Expectations, length: int | None) -> Iterator[list[Event]]:
+    """Follow the commits, and yield the events of each look at them."""
     from tfdb.judging.follower import Follower, judge_changes, judge_state  # noqa: PLC0415 - numpy
     from tfdb.judging.judge import Judge  # noqa: PLC0415
 
@@ -85,18 +133,18 @@ def watch_events(live: Live, expected: Expectations, length: int | None) -> Iter
     with live.store.snapshot() as state:
         live.commit = state.commit
         follower = Follower(live)
-        yield from judge_state(judge, state, live.now())
+        yield judge_state(judge, state, live.now())
     missed = 0
     while time.monotonic() < ends:
         changes = follower.changes(min(time.monotonic() + _LONGEST, ends))
         now = live.now()
-        yield from judge_changes(judge, changes, now)
+        events = judge_changes(judge, changes, now)
         if follower.missed > missed:
             text = f"{counted(follower.missed - missed, 'commit')} were missed"
             output.say(f"tfdb: warning: {text}: they come faster than they are read", err=True)
             missed = follower.missed
-            yield from judge_state(judge, live.store, now)
-        yield from judge.advance(now)
+            events += judge_state(judge, live.store, now)
+        yield events + judge.advance(now)
         live.check()
 
 

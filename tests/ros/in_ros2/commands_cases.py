@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import signal
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
@@ -21,6 +23,7 @@ from tfdb import tf2
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from ros.in_ros2.graph import Graph
 
@@ -91,6 +94,22 @@ def test_echo_and_monitor(moving: Any) -> None:
         assert frame["delay_ns"] is None
         assert echo.end()[0] == 130
         assert monitor.end(signal.SIGTERM)[0] == 143
+
+
+def test_watch_publishes_diagnostics(graph: Graph, tmp_path: Path) -> None:
+    file = tmp_path / "e.toml"
+    file.write_text('version = 1\n[[edge]]\nparent = "odom"\nchild = "base"\n')
+    heard: queue.Queue[DiagnosticArray] = queue.Queue()
+    node = graph.node("theirs", spin=True)
+    node.create_subscription(DiagnosticArray, "/diagnostics", heard.put, 10)
+    with Command("watch", "ros2:", "--expect", file, "--diagnostics") as watching:
+        while len((found := heard.get(timeout=LIMIT)).status) < 2:
+            assert (found.status[0].level, found.status[0].message) == (b"\0", "OK")
+        assert watching.end(signal.SIGTERM)[0] == 143
+    _, edge = found.status
+    assert (edge.level, edge.name) == (b"\2", "tfdb: odom -> base")
+    assert edge.message == "missing 1 s (limit 1 s)"
+    assert [(each.key, each.value) for each in edge.values] == [("missing", "1")]
 
 
 def test_static_publisher(graph: Graph) -> None:
