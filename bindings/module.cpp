@@ -29,6 +29,7 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_messages(module);
     tfdb::python::bind_tf2_calls(module);
     tfdb::python::bind_helpers(module);
+    tfdb::python::bind_sample_rows(module);
     tfdb::python::add_signatures(module);
 }
 #undef PyInit__core

@@ -251,6 +251,8 @@ void bind_watch(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type
 void bind_waits(nb::class_<BufferObject, ReadsObject>& type);
 /// `adopt_classes`, and functions that modules in Python use.
 void bind_helpers(nb::module_& module);
+/// What streams read.
+void bind_sample_rows(nb::module_& module);
 void bind_policy(nb::module_& module);
 void bind_adaptive(nb::module_& module);
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);

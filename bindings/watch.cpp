@@ -68,11 +68,12 @@ nb::list pairs_of(nb::handle pairs) {
     return each_once(made);
 }
 
-nb::object watch(nb::handle self, nb::handle frames, nb::handle pairs) {
+nb::object watch(nb::handle self, nb::handle frames, nb::handle pairs, bool every) {
     BufferObject& buffer = object_of<BufferObject>(self);
     const nb::list names = frames_of(frames);
     const nb::list paths = pairs_of(pairs);
     Watched watched;
+    watched.every_commit = every;
     for (const nb::handle name : names) {
         watched.frames.emplace_back(name_of(name, "a frame"));
     }
@@ -90,16 +91,18 @@ nb::object watch(nb::handle self, nb::handle frames, nb::handle pairs) {
     return object;
 }
 
-nb::list next(nb::handle self, nb::handle after, nb::handle timeout) {
+nb::list next(nb::handle self, nb::handle after, nb::handle timeout, nb::handle limit) {
     const WatchObject& object = object_of<WatchObject>(self);
     const CommitNumber seen = count_of(after, "after", 0, kMaxCommit);
+    const std::size_t most =
+        limit.is_none() ? Buffer::kNoLimit : count_of(limit, "limit", 1, Buffer::kNoLimit);
     const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
     const std::shared_ptr<Watch> watch = object.watch;
     const std::vector<Touch> touches = [&] {
         BufferObject& buffer = object_of<BufferObject>(object.owner);
         const Waiting work;
         static_cast<void>(buffer.open_store());
-        return watch->next(seen, longest);
+        return watch->next(seen, longest, most);
     }();
     nb::list made;
     if (touches.empty()) {
@@ -109,7 +112,8 @@ nb::list next(nb::handle self, nb::handle after, nb::handle timeout) {
     for (const Touch& touch : touches) {
         nb::list what;
         for (const std::uint32_t place : touch.what) {
-            what.append(object.what[place]);
+            if (place < nb::len(object.what))
+                what.append(object.what[place]);
         }
         made.append(record(touch.commit, nb::tuple(what)));
     }
@@ -168,6 +172,8 @@ frames
 pairs
     Pairs (target, source) of frame names, as for `lookup_transform`. Of two frames that nothing
     joins, the path goes up to both roots.
+every
+    Whether every commit counts. A record says which frames and pairs it touched; it may be none.
 
 Returns
 -------
@@ -202,6 +208,8 @@ after
     A commit: that of a snapshot, or of the last record.
 timeout
     Seconds, at most; None: for ever. 0: what is there.
+limit
+    Largest number of records; None: all.
 
 Returns
 -------
@@ -222,16 +230,18 @@ removed meanwhile), Forked (in a child of the process that made the watch), Tran
 
 void bind_watch(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
     type.def("watch", &watch, nb::arg("frames").none() = nb::tuple(),
-             nb::arg("pairs").none() = nb::tuple(),
+             nb::arg("pairs").none() = nb::tuple(), nb::kw_only(), nb::arg("every") = false,
              nb::sig("def watch(self, frames: str | collections.abc.Iterable[str] = (), pairs: "
-                     "collections.abc.Iterable[tuple[str, str]] = ()) -> Watch"),
+                     "collections.abc.Iterable[tuple[str, str]] = (), *, every: bool = False) -> "
+                     "Watch"),
              kWatchDoc);
     auto made = offered_class<nb::class_<WatchObject>>(module, "Watch", kClassDoc,
                                                        nb::type_slots(g_watch_slots));
     refuse_construction<WatchObject>(made, "Buffer.watch() makes watches");
     made.def("next", &next, nb::arg("after").none(), nb::arg("timeout").none() = nb::none(),
-             nb::sig("def next(self, after: int, timeout: float | None = None) -> "
-                     "list[tfdb.types.Touched]"),
+             nb::arg("limit").none() = nb::none(),
+             nb::sig("def next(self, after: int, timeout: float | None = None, limit: int | None = "
+                     "None) -> list[tfdb.types.Touched]"),
              kNextDoc);
     made.def("close", &close, nb::sig("def close(self) -> None"),
              "End `next` in all threads with WatchClosed. A second call does nothing.");

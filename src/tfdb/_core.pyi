@@ -1194,7 +1194,7 @@ class NativeBuffer(Reads):
     def _attempt(self, priority: int, alone: bool, age: int) -> Transaction:
         """A transaction that may run alone, and keeps the age of one that lost."""
 
-    def watch(self, frames: str | Iterable[str] = (), pairs: Iterable[tuple[str, str]] = ()) -> Watch:
+    def watch(self, frames: str | Iterable[str] = (), pairs: Iterable[tuple[str, str]] = (), *, every: bool = False) -> Watch:
         """
         Return a watch of frames and paths: `next` waits for the commits that touch them.
 
@@ -1209,6 +1209,8 @@ class NativeBuffer(Reads):
         pairs
             Pairs (target, source) of frame names, as for `lookup_transform`. Of two frames that nothing
             joins, the path goes up to both roots.
+        every
+            Whether every commit counts. A record says which frames and pairs it touched; it may be none.
 
         Returns
         -------
@@ -1774,6 +1776,10 @@ class NativeTransaction:
     def _lost(self) -> bool:
         """Whether it ended by a Conflict of its own."""
 
+    @property
+    def _has_written(self) -> bool:
+        """Whether `commit` is its own, not that of the state that it read."""
+
     def __enter__(self) -> Self: ...
 
     def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
@@ -1789,7 +1795,7 @@ class Watch:
 
     def __init__(self) -> None: ...
 
-    def next(self, after: int, timeout: float | None = None) -> list[tfdb.types.Touched]:
+    def next(self, after: int, timeout: float | None = None, limit: int | None = None) -> list[tfdb.types.Touched]:
         """
         Wait for commits after `after` that touch what is watched; return all of them so far.
 
@@ -1808,6 +1814,8 @@ class Watch:
             A commit: that of a snapshot, or of the last record.
         timeout
             Seconds, at most; None: for ever. 0: what is there.
+        limit
+            Largest number of records; None: all.
 
         Returns
         -------
@@ -2094,6 +2102,16 @@ def poses_of_matrices(matrices: numpy.typing.ArrayLike, missing: bool = False) -
 
 def adopt_classes(buffer: type[Buffer], snapshot: type[Snapshot], transaction: type[Transaction]) -> None:
     """Make objects of these subclasses of the native classes from now on."""
+
+def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int64], list[str]]]:
+    """
+    Read the samples in bytes of `commits_bytes` or `state_bytes`.
+
+    Returns the last commit, and parents, children, stamps, poses, which rows are static, commits and authorities.
+    """
+
+def samples_of_rows(parents: list[str], children: list[str], stamps: numpy.typing.NDArray[numpy.int64], poses: numpy.typing.NDArray[numpy.float64], statics: numpy.typing.NDArray[numpy.bool_], commits: numpy.typing.NDArray[numpy.int64], authorities: list[str]) -> list[tfdb.types.Sample]:
+    """The rows that `rows_of_commits` returned, each as a Sample."""
 
 def checked(function: Callable[..., Any]) -> Any:
     """The function, with our words for calls that do not fit its parameters."""

@@ -22,9 +22,11 @@ Outcome find_named(const Store& store, const StoreView& view, std::string_view n
 
 Touches::Touches(const Store& store, const Watched& watched) : store_(store) {
     for (const std::string& name : watched.frames)
-        subjects_.push_back({{name, {}}, false});
+        subjects_.push_back({{name, {}}, Kind::kFrame});
     for (const auto& [target, source] : watched.pairs)
-        subjects_.push_back({{target, source}, true});
+        subjects_.push_back({{target, source}, Kind::kPair});
+    if (watched.every_commit)
+        subjects_.push_back({{}, Kind::kEvery});
 }
 
 void Touches::begin(CommitNumber after) {
@@ -48,7 +50,7 @@ void Touches::skip(CommitNumber after, CommitNumber until) {
         until_ = std::max(until_, until);
 }
 
-std::vector<Touch> Touches::read() {
+std::vector<Touch> Touches::read(std::size_t limit) {
     // After an exception all is found anew.
     const CommitNumber from = std::exchange(from_, 1);
     const CommitNumber until = std::exchange(until_, 0);
@@ -56,12 +58,13 @@ std::vector<Touch> Touches::read() {
     if (until < newest && !notes_.read(store_, until + 1, newest))
         throw_lapped(store_, until);
     std::vector<Touch> all;
-    for (CommitNumber commit = until + 1; commit <= newest; ++commit) {
-        if (std::vector<Place> what = judge(commit); !what.empty())
-            all.push_back({commit, std::move(what)});
+    CommitNumber last = until;
+    while (last < newest && all.size() < limit) {
+        if (std::vector<Place> what = judge(++last); !what.empty())
+            all.push_back({last, std::move(what)});
     }
     from_ = all.empty() ? from : all.back().commit;
-    until_ = newest;
+    until_ = last;
     return all;
 }
 
@@ -129,13 +132,17 @@ void Touches::find(Place place, CommitNumber commit) {
 /// kFailed: a frame is missing.
 Outcome Touches::find_in(const StoreView& view, const Subject& subject,
                          std::vector<FrameId>& frames) const {
+    if (subject.kind == Kind::kEvery) {
+        frames.assign(1, kCommits);
+        return Outcome::kOk;
+    }
     std::array<FrameId, 2> ids{};
-    for (std::size_t i = 0; i < (subject.is_pair ? 2 : 1); ++i) {
+    for (std::size_t i = 0; i < (subject.kind == Kind::kPair ? 2 : 1); ++i) {
         const Outcome outcome = find_named(store_, view, subject.names[i], ids[i]);
         if (outcome != Outcome::kOk)
             return outcome;
     }
-    if (subject.is_pair)
+    if (subject.kind == Kind::kPair)
         return find_path(view, ids[0], ids[1], frames) ? Outcome::kOk : Outcome::kLapped;
     frames.assign(1, ids[0]);
     return Outcome::kOk;

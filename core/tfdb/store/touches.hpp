@@ -27,14 +27,15 @@ public:
     [[nodiscard]] const std::vector<FrameId>& frames();
     /// The commits after `after`, to `until`, touched none of that.
     void skip(CommitNumber after, CommitNumber until);
-    /// The later commits that touched something. Throws FeedLapped.
-    [[nodiscard]] std::vector<Touch> read();
+    /// The later commits that touched something, at most `limit` of them. Throws FeedLapped.
+    [[nodiscard]] std::vector<Touch> read(std::size_t limit);
 
 private:
     using Place = std::uint32_t;
+    enum class Kind : std::uint8_t { kFrame, kPair, kEvery };
     struct Subject {
         std::array<std::string, 2> names;  // of a frame: the first
-        bool is_pair;
+        Kind kind;
         std::vector<FrameId> frames{};
     };
 

@@ -165,6 +165,10 @@ CommitNumber Transaction::committed() const noexcept {
     return life_->committed();
 }
 
+bool Transaction::has_written() const noexcept {
+    return life_->has_written();
+}
+
 const std::optional<Conflict>& Transaction::lost_to() const noexcept {
     return life_->lost_to();
 }

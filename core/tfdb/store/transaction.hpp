@@ -121,6 +121,8 @@ public:
     [[nodiscard]] bool is_open() const noexcept { return stage() == Stage::kOpen; }
     /// What `commit` returned.
     [[nodiscard]] CommitNumber committed() const noexcept;
+    /// Whether `committed` is its own commit, not the state that it read.
+    [[nodiscard]] bool has_written() const noexcept;
     /// The conflict that aborted it.
     [[nodiscard]] const std::optional<Conflict>& lost_to() const noexcept;
     [[nodiscard]] std::uint64_t age() const noexcept;

@@ -141,7 +141,9 @@ CommitNumber TransactionLife::commit() {
         committed_ = call([this](EngineTransaction& transaction) {
             state_.store_relaxed(kBeingCommitted);
             try {
+                const CommitNumber read = transaction.read_as_of();
                 const CommitNumber number = transaction.commit();
+                has_written_ = number > read;
                 state_.store_relaxed(word_of(Stage::kOpen));
                 return number;
             } catch (...) {

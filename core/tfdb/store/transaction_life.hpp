@@ -62,6 +62,7 @@ public:
     /// An open one that is about to end counts as ended.
     [[nodiscard]] Stage stage() const noexcept;
     [[nodiscard]] CommitNumber committed() const noexcept { return committed_; }
+    [[nodiscard]] bool has_written() const noexcept { return has_written_; }
     [[nodiscard]] const std::optional<Conflict>& lost_to() const noexcept { return lost_to_; }
     [[nodiscard]] std::uint64_t age() const noexcept { return options_.age; }
     [[nodiscard]] const EngineTransaction& transaction() const { return *transaction_; }
@@ -93,6 +94,7 @@ private:
     std::unique_ptr<EngineTransaction> transaction_;
     std::optional<Conflict> lost_to_;
     CommitNumber committed_ = 0;
+    bool has_written_ = false;
     std::uint64_t forks_ = sync::forks();  // in a forked child it has no owner
     TransactionLife* next_ = nullptr;      // in its thread's list
     sync::Word thread_{};                  // its owner; 0: not begun

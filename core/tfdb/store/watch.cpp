@@ -28,13 +28,14 @@ struct Watch::State {
     /// The commits after `after` that touched something. Where there are none, the waits look at
     /// all that the next one may touch, and have done so since before the feed was read. `news`:
     /// for `Waits::sleep`.
-    [[nodiscard]] std::vector<Touch> read(CommitNumber after, std::uint64_t& news) {
+    [[nodiscard]] std::vector<Touch> read(CommitNumber after, std::size_t limit,
+                                          std::uint64_t& news) {
         const std::lock_guard<sync::CommitLock> guard(lock);
         touches.begin(after);
         const store::Waits::Looked looked = waits.look_at(*wait, touches.frames());
         touches.skip(looked.quiet_after, looked.quiet_until);
         news = looked.news;
-        return touches.read();
+        return touches.read(limit);
     }
 
     std::shared_ptr<store::Store> store;
@@ -64,7 +65,8 @@ void Watch::check_open() const {
         throw WatchClosed("the watch is closed: make another by Buffer.watch()");
 }
 
-std::vector<Touch> Watch::next(CommitNumber after, std::optional<std::int64_t> timeout_ns) {
+std::vector<Touch> Watch::next(CommitNumber after, std::optional<std::int64_t> timeout_ns,
+                               std::size_t limit) {
     State& state = *state_;
     const store::Patience patience(timeout_ns);
     (void)store::waits_of(*state.store);
@@ -79,7 +81,7 @@ std::vector<Touch> Watch::next(CommitNumber after, std::optional<std::int64_t> t
     for (;;) {
         check_open();
         std::uint64_t news = 0;
-        std::vector<Touch> touched = state.read(after, news);
+        std::vector<Touch> touched = state.read(after, limit, news);
         if (!touched.empty() || patience.left() <= 0)
             return touched;
         const WaitEnd end = state.waits.sleep(*state.wait, news, patience);
@@ -91,7 +93,7 @@ std::vector<Touch> Watch::next(CommitNumber after, std::optional<std::int64_t> t
 }
 
 std::shared_ptr<Watch> Buffer::watch(const Watched& watched) const {
-    if (watched.frames.empty() && watched.pairs.empty())
+    if (watched.frames.empty() && watched.pairs.empty() && !watched.every_commit)
         throw InvalidArgument("a watch needs at least one frame, or one pair of frames");
     for (const std::string& name : watched.frames)
         store::check_may_exist(name, "nothing would touch it: the");

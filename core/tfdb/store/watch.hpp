@@ -23,12 +23,14 @@ struct Store;
 struct Watched {
     std::vector<std::string> frames;
     std::vector<std::pair<std::string, std::string>> pairs;
+    bool every_commit = false;
 };
 
 /// A commit, and what it touched.
 struct Touch {
     CommitNumber commit = 0;
-    std::vector<std::uint32_t> what;  // places in `Watched`, ascending: frames, then pairs
+    // Places in `Watched`, ascending: frames, then pairs, then every commit.
+    std::vector<std::uint32_t> what;
 };
 
 /// Frames and paths whose commits a follower wants. A commit touches a frame if it stores samples
@@ -45,8 +47,8 @@ public:
     Watch(const Watch&) = delete;
     Watch& operator=(const Watch&) = delete;
 
-    /// Waits for commits after `after` that touch something, and returns all of them so far, in
-    /// order. Empty: none came within the timeout (none: for ever), or `Buffer::stop_waits` was
+    /// Waits for commits after `after` that touch something, and returns those so far, in order and
+    /// at most `limit` of them. Empty: none came within the timeout (none: for ever), or `Buffer::stop_waits` was
     /// called. Where the state behind a commit can be read no more, so that the path is unknown,
     /// each following commit counts, until that path can be read again.
     ///
@@ -55,7 +57,8 @@ public:
     /// touched it; WatchClosed; Forked in a child of the process that made it; what
     /// `Buffer::wait_for_commit` throws.
     [[nodiscard]] std::vector<Touch> next(CommitNumber after,
-                                          std::optional<std::int64_t> timeout_ns);
+                                          std::optional<std::int64_t> timeout_ns,
+                                          std::size_t limit = ~std::size_t{0});
     /// Ends `next` in all threads.
     void close();
     [[nodiscard]] bool is_closed() const;
