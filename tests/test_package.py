@@ -51,8 +51,18 @@ def test_every_public_name_exists() -> None:
 
 
 def test_dir_lists_the_public_names_and_the_rooms() -> None:
-    rooms = ["errors", "plot", "recordings", "robots", "ros", "store", "tf2", "trajectories"]
-    rooms += ["comparing", "judging", "types"]
+    rooms = [
+        "errors",
+        "plot",
+        "recordings",
+        "robots",
+        "ros",
+        "rules",
+        "store",
+        "tf2",
+        "trajectories",
+    ]
+    rooms += ["comparing", "judging", "streams", "types"]
     public = [name for name in dir(tfdb) if name[:2] != "__"]
     assert public == sorted({*tfdb.__all__, *rooms} - {"__version__"})
 

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import scenario
 import with_tfdb
 
@@ -183,6 +184,85 @@ class Contender(with_tfdb.Contender):
             return self.commits(count)
         with child(self.follow):
             return self.commits_beside_followers(followers - 1, count)
+
+    def write_steadily(self) -> None:
+        """Commit ten transforms 10,000 times a second, until somebody ends it."""
+        buffer = tfdb.Buffer.open(self.name, create=False)
+        children = [f"followed{i}" for i in range(10)]
+        rows = np.tile([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8], (10, 1))
+        begin, done = time.perf_counter(), 0
+        while True:
+            due = int(10_000 * (time.perf_counter() - begin))
+            for _ in range(due - done):
+                stamps = [time.perf_counter_ns()] * 10
+                buffer.set_transforms(tfdb.Columns("clock", children, stamps, rows))
+            done = due
+            time.sleep(0.0005)
+
+    def follow_share(self, how: str, seconds: float) -> float:
+        """Percent of a core that a stream takes for 100,000 transforms/s of another process."""
+        with child(self.write_steadily), self.buffer.follow("followed0") as first:
+            next(first)
+            with self.buffer.follow() as stream:
+                found = 0
+                begin, used = time.perf_counter(), time.process_time()
+                rows = stream.batches() if how == "batches" else stream
+                while (passed := time.perf_counter() - begin) < seconds:
+                    item = next(rows)
+                    found += len(item.stored) if how == "batches" else 1
+                used = time.process_time() - used
+                if found < 90_000 * passed or stream.missed or stream.gone:
+                    raise RuntimeError(f"{found} transforms of {passed:.3f} s were read")
+                return 100 * used / passed
+
+    def commits_beside_rules(self, rules: int, count: int) -> float:
+        """Nanoseconds of a commit of ten while so many rules are on other frames."""
+        with tfdb.Buffer(history=1.0) as buffer:
+            for rule in range(rules):
+                buffer.set_transform("clock", f"ruled{rule}", 1, *POSE)
+                buffer.add_rule(print, ("clock", f"ruled{rule}"))
+            children = [f"busy{i}" for i in range(10)]
+            rows = np.tile([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8], (10, 1))
+            buffer.rules.drain()
+            begin = 0
+            for stamp in range(2 * count):  # the first half lets the rules come to rest
+                if stamp == count:
+                    begin = time.perf_counter_ns()
+                buffer.set_transforms(tfdb.Columns("clock", children, [1000 * stamp] * 10, rows))
+            took = (time.perf_counter_ns() - begin) / count
+            buffer.rules.drain()
+        return took
+
+    def fires(self, count: int) -> list[float]:
+        """Milliseconds from a commit to the first instruction of a rule's action."""
+        found: list[float] = []
+
+        def act(event: tfdb.rules.Event) -> None:
+            found.append(1e-6 * (time.perf_counter_ns() - event.transform.stamp))
+
+        with tfdb.Buffer() as buffer:
+            buffer.add_rule(act, ("clock", "tick"), fires="always")
+            for _ in range(count):
+                time.sleep(BETWEEN)
+                buffer.set_transform("clock", "tick", time.perf_counter_ns(), *POSE)
+            buffer.rules.drain()
+        return found
+
+    def fires_of_another_process(self, count: int) -> list[float]:
+        """The same where another process commits."""
+        found: list[float] = []
+        enough = threading.Event()
+
+        def act(event: tfdb.rules.Event) -> None:
+            found.append(1e-6 * (time.perf_counter_ns() - event.transform.stamp))
+            if len(found) == count:
+                enough.set()
+
+        rule = self.buffer.add_rule(act, ("clock", "tick"), fires="always")
+        with child(lambda: self.tick(2 * count)):
+            enough.wait()
+        rule.remove()
+        return found
 
     def commits_beside_waits(self, waits: int, count: int) -> float:
         """CPU nanoseconds of this thread for a commit while coroutines wait for other frames."""

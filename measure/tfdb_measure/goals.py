@@ -348,7 +348,16 @@ def _sharing() -> Iterator[Goal]:
     row = "CPU of a commit beside coroutines that wait for other frames"
     text = "a commit beside 10,000 coroutines that wait for other frames: CPU time"
     yield at_most(text, 1.1, shared(row, "10,000 waits"), shared(row, "none"))
+    row = "CPU of a process that follows 100,000 transforms/s of another"
+    for how, most in (("batches", None), ("samples", 20)):
+        cell = shared(row, how)
+        yield Goal(f"{row}: {how}", ITSELF, cell, goal=most, at_least=False, unit="%")
+    row = "a commit of ten beside rules on other frames"
+    text = "a commit of ten beside 1,000 rules on other frames, against none"
+    yield at_most(text, 1.05, shared(row, "1,000 rules"), shared(row, "none"))
     for row, p50, p99 in (
+        ("from a commit to a rule's action", 0.2, 1.5),
+        ("from a commit to a rule's action in another process", 0.2, 0.5),
         ("opening a shared store and first answer", 1.0, None),
         ("from a commit to a waiting thread of another process", 0.06, 0.4),
         ("from a commit to a waiting coroutine of another process", 0.15, 0.6),

@@ -424,6 +424,8 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
     both: Rounds = {"1 process": [], "2 processes": []}
     followed: Rounds = {"none": [], "16 processes": []}
     waits: Rounds = {"none": [], "10,000 waits": []}
+    streams: Rounds = {"batches": [], "samples": []}
+    rules: Rounds = {"none": [], "1,000 rules": []}
     for _ in range(rounds):
         for title, readers in zip(both, (1, 2), strict=True):
             both[title].append(1e-3 * owner.call("readers", readers, 0.5))
@@ -432,6 +434,10 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
             followed[title].append(took)
         for title, begun in zip(waits, (0, 10_000), strict=True):
             waits[title].append(owner.call("commits_beside_waits", begun, 100 * count))
+        for how, shares in streams.items():
+            shares.append(owner.call("follow_share", how, 2.0 if many else 0.5))
+        for title, installed in zip(rules, (0, 1_000), strict=True):
+            rules[title].append(owner.call("commits_beside_rules", installed, 20 * count))
     _add(results, "sharing", "lookups of reader processes together", 0, "kops/s", both)
     _add(
         results,
@@ -449,7 +455,12 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
         "ns",
         waits,
     )
+    row = "CPU of a process that follows 100,000 transforms/s of another"
+    _add(results, "sharing", row, 0, "%", streams)
+    _add(results, "sharing", "a commit of ten beside rules on other frames", 0, "ns", rules)
     for row, function in (
+        ("from a commit to a rule's action", "fires"),
+        ("from a commit to a rule's action in another process", "fires_of_another_process"),
         ("opening a shared store and first answer", "attach"),
         ("from a commit to a waiting thread of another process", "wakes"),
         ("from a commit to a waiting coroutine of another process", "wakes_of_coroutine"),

@@ -57,7 +57,9 @@ if TYPE_CHECKING:
     from . import recordings as recordings
     from . import robots as robots
     from . import ros as ros
+    from . import rules as rules
     from . import store as store
+    from . import streams as streams
     from . import tf2 as tf2
     from . import trajectories as trajectories
     from . import types as types
@@ -123,7 +125,9 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
             "recordings.load": ("load",),
             "robots": (),
             "ros": (),
+            "rules": (),
             "store": (),
+            "streams": (),
             "tf2": (),
             "trajectories": (),
             "trajectories.trajectory": ("Trajectory",),

@@ -5,7 +5,7 @@ What does a method's work is imported when it is called: `import tfdb` does not 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 from tfdb import _core
 
@@ -13,7 +13,7 @@ from .data.lazy_names import belong_to
 from .reads import Freezable, Snapshot, Transaction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Iterable
     from typing import Literal, Unpack
 
     from tfdb._core import Policy, Transform
@@ -30,7 +30,11 @@ if TYPE_CHECKING:
     )
     from tfdb.recordings.load_report import LoadReport
     from tfdb.recordings.selected import Selected
+    from tfdb.rules.rule import Action, Rule, RuleOptions, Subject
+    from tfdb.rules.rules import Rules
     from tfdb.store.transactions import Result
+    from tfdb.streams.answers import AnswerStream
+    from tfdb.streams.stream import Stream
 
 __all__ = ["Buffer", "Snapshot", "Transaction"]
 
@@ -65,7 +69,100 @@ class Buffer(Freezable, _core.NativeBuffer):
     Raises InvalidArgument, CapacityExceeded.
     """
 
-    __slots__ = ()
+    __slots__ = ("_rules",)
+    _rules: Rules  # made when it is asked for
+
+    @property
+    def rules(self) -> Rules:
+        """The installed rules, their figures, and how many threads run their actions."""
+        from tfdb.rules.rules import Rules
+
+        try:
+            return self._rules
+        except AttributeError:
+            self._rules = made = Rules(_buffer(self))
+            return made
+
+    def rule(
+        self,
+        on: Subject | Iterable[Subject],
+        when: Callable[[Any], object] | None = None,
+        **options: Unpack[RuleOptions],
+    ) -> Callable[[Action], Action]:
+        """Decorate a function so that commits call it: see `add_rule`.
+
+        ```python
+        @buf.rule(on=("map", "gripper"), when=lambda T: T.translation[2] < 0.1)
+        def warn(event):
+            print("too low since commit", event.commit)
+        ```
+
+        Parameters
+        ----------
+        on, when, **options
+            As in `add_rule`.
+
+        Returns
+        -------
+        Callable
+            A decorator that returns the function as it is.
+
+        Raises
+        ------
+        What `add_rule` raises
+        """
+        buffer = _buffer(self)
+        _ = buffer.closed
+
+        def install(action: Action) -> Action:
+            buffer.add_rule(action, on, when, **options)
+            return action
+
+        return install
+
+    def add_rule(
+        self,
+        action: Callable[..., object],
+        on: Subject | Iterable[Subject],
+        when: Callable[[Any], object] | None = None,
+        **options: Unpack[RuleOptions],
+    ) -> Rule:
+        """Install a rule: an action that is called when commits make a condition true.
+
+        After each commit that touches `on`, one thread evaluates the condition on that commit's
+        state, in the order of commits. Actions run in other threads and never hold up a writer.
+
+        Parameters
+        ----------
+        action
+            `fn(event)`, or `fn(event, tx)` with a transaction on the newest state. The transaction
+            commits when the function returns and aborts when it raises. After a Conflict the
+            function runs again, so that effects outside of the store may be repeated.
+        on
+            A pair (target, source), which is touched by every commit to its path; a frame, which is
+            touched by every commit to its edge; a list of either; or `"*"`, every commit. Frames
+            may be missing yet.
+        when
+            The condition: called with the pair's Transform, or with the Changes of a frame. A pair
+            without an answer is False. None: always True.
+        **options
+            Fields of `tfdb.rules.RuleOptions`.
+
+        Returns
+        -------
+        Rule
+
+        Raises
+        ------
+        InvalidArgument, InvalidName, TypeError
+            An argument is not as above.
+        NotSupported
+            This process may not wait for commits of the store, or its engine keeps no feed.
+        BufferClosed, TransactionActive
+        """
+        from tfdb.rules.rule import Rule
+
+        return _buffer(self).rules._add(Rule(action, on, when, **options))
 
     def load(
         self, path: Paths, *, progress: Progress | None = None, **selection: Unpack[Selected]
@@ -137,6 +234,100 @@ class Buffer(Freezable, _core.NativeBuffer):
         from tfdb.recordings.selection import selected
 
         return load_into(_buffer(self), path, selected(Buffer.load, selection), progress)
+
+    @overload
+    def follow(
+        self,
+        frames: str | Iterable[str] | None = None,
+        *,
+        pair: None = None,
+        since: int | Literal["held"] | None = None,
+        hold: bool = True,
+        min_separation: float | None = None,
+        lapped: Literal["raise", "skip"] = "raise",
+        poll: float = 0.01,
+    ) -> Stream: ...
+
+    @overload
+    def follow(
+        self,
+        frames: None = None,
+        *,
+        pair: tuple[str, str],
+        since: Literal["held"] | None = None,
+        hold: bool = True,
+        min_separation: float | None = None,
+        lapped: Literal["raise", "skip"] = "raise",
+        poll: float = 0.01,
+    ) -> AnswerStream: ...
+
+    def follow(
+        self,
+        frames: str | Iterable[str] | None = None,
+        *,
+        pair: tuple[str, str] | None = None,
+        since: int | Literal["held"] | None = None,
+        hold: bool = True,
+        min_separation: float | None = None,
+        lapped: Literal["raise", "skip"] = "raise",
+        poll: float = 0.01,
+    ) -> Stream | AnswerStream:
+        """Follow what commits store: a stream gives each sample once, in the order of commits.
+
+        ```python
+        with buf.follow(["base"]) as stream:
+            for sample in stream:
+                print(sample.stamp, sample.transform.translation)
+        ```
+
+        Parameters
+        ----------
+        frames
+            Frames, or one: only samples of their edges. They may be missing yet. None: all.
+        pair
+            Instead of frames: (target, source). The stream gives the answer of `lookup_transform`
+            without a stamp, each time a commit changes it.
+        since
+            None: commits from now on. A commit number: those after it, as far as the feed reaches.
+            `"held"`: first all samples of the newest state, then what comes, without a gap between.
+        hold
+            Whether the stream holds a snapshot of its position, so that no sample is gone before it
+            is read. A reader that stands still then keeps memory, up to `snapshot_memory`;
+            `memory()` tells how much. Without it, `gone` counts what was lost, and a pair is looked
+            up in the newest state only.
+        min_separation
+            Seconds: of each edge, leave out samples whose stamp is not so much later than that of
+            the one before. Static transforms are never left out.
+        lapped
+            What happens when commits leave the feed before they are read. `raise`: FeedLapped once,
+            and the next read goes on. `skip`: it goes on. `missed` counts them in both cases.
+        poll
+            Seconds between looks where this process may not wait for commits.
+
+        Returns
+        -------
+        Stream
+            Of samples; AnswerStream of a pair.
+
+        Raises
+        ------
+        InvalidArgument
+            Frames and a pair; a commit that does not exist yet; a pair since a commit; a value
+            below 0.
+        InvalidName
+            No frame can have the name.
+        NotSupported
+            The engine keeps no feed: `snapshot` and `giant` do.
+        BufferClosed, TransactionActive
+
+        Warns
+        -----
+        TfdbWarning
+            This process may not wait for commits of the shared store: the stream polls.
+        """
+        from tfdb.streams.follow import follow
+
+        return follow(_buffer(self), frames, pair, since, hold, min_separation, lapped, poll)
 
     def set_trajectory(
         self, parent: str, child: str, trajectory: TrajectoryLike, *, authority: str = ""

@@ -9,6 +9,7 @@ from .data.refused_transforms import Refusal, Refused, RefusedEdge
 from .data.stamps import RosTime, StampLike, StampsLike
 from .data.types import (
     AsQuat,
+    Batch,
     BytesLike,
     Changes,
     Concurrency,
@@ -26,6 +27,7 @@ from .data.types import (
     Position,
     Progress,
     QuaternionLike,
+    Sample,
     Shared,
     Topics,
     Touched,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AsQuat",
+    "Batch",
     "BytesLike",
     "Changes",
     "Concurrency",
@@ -70,6 +73,7 @@ __all__ = [
     "RefusedEdge",
     "Report",
     "RosTime",
+    "Sample",
     "Shared",
     "StampLike",
     "StampsLike",

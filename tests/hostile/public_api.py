@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from dataclasses import dataclass
-from types import FunctionType
+from types import FunctionType, MemberDescriptorType
 from typing import Any
 
 import tfdb
@@ -14,6 +14,7 @@ ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
 ELSEWHERE |= {"read", "save", "write", "plot"}
 ELSEWHERE |= {"count", "index"}  # of tuples with names
 ELSEWHERE |= {"AsQuat", "Concurrency"}  # types for annotations
+ELSEWHERE |= {"count", "index"}  # of tuples with names
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}
 WAITING |= {"wait_for_transform_async", "wait_for_commit_async", "next"}
@@ -87,6 +88,8 @@ def _members(name: str, cls: type) -> list[Call]:
             continue
         helper = isinstance(member, FunctionType | staticmethod) and not attribute.endswith("_")
         if attribute.startswith("_") and (helper or cls not in NATIVE):
+            continue
+        if isinstance(member, MemberDescriptorType):  # of __slots__
             continue
         if inspect.isdatadescriptor(member):
             calls.append(Call(name, attribute, is_property=True))

@@ -172,17 +172,21 @@ def calls_that_answer(buffer: tfdb.Buffer, name: str, folder: Path) -> Table:
         tfdb.Buffer.unlink(own)
 
     table: Table = {
+        "Buffer.add_rule": lambda: buffer.add_rule(print, "base").remove(),
         "Buffer.changes": lambda: buffer.changes(0),
         "Buffer.close": lambda: tfdb.Buffer.open(name).close(),
         "Buffer.commits_bytes": lambda: buffer.commits_bytes(0),
         "Buffer.concurrency": lambda: buffer.concurrency,
         "Buffer.counters": buffer.counters,
         "Buffer.epoch": lambda: buffer.epoch,
+        "Buffer.follow": lambda: buffer.follow().close(),
         "Buffer.freeze": lambda: buffer.freeze(folder / "buffer.tfdb"),
         "Buffer.frozen": lambda: buffer.frozen,
         "Buffer.history": lambda: buffer.history,
         "Buffer.open": lambda: tfdb.Buffer.open(name),
         "Buffer.positions": buffer.positions,
+        "Buffer.rule": lambda: buffer.rule("base")(print),
+        "Buffer.rules": lambda: len(buffer.rules),
         "Buffer.shared": lambda: buffer.shared,
         "Buffer.snapshot": buffer.snapshot,
         "Buffer.transaction": buffer.transaction,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import index
 from pathlib import PurePath
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -23,6 +24,17 @@ def check_flag(name: str, value: Any) -> bool:
         except Exception as error:
             cause = error
     raise InvalidArgument(f"{name} is True or False, got {shown(value)}", value=value) from cause
+
+
+def check_count(name: str, value: Any) -> int:
+    """Return a whole number above 0. Raises InvalidArgument for anything else."""
+    try:
+        count = None if isinstance(value, bool) else index(value)
+    except TypeError:
+        count = None
+    if count is None or count < 1:
+        raise InvalidArgument(f"{name} must be 1 or more, got {shown(value)}", value=value)
+    return count
 
 
 def check_name(name: str, value: Any) -> str:

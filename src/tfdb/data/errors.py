@@ -51,11 +51,13 @@ __all__ = [
     "ReadOnly",
     "RecordingError",
     "RepeatedStamp",
+    "RuleCycle",
     "SnapshotClosed",
     "SnapshotTooOld",
     "Stale",
     "StaticConflict",
     "StoreExists",
+    "StreamClosed",
     "TfdbError",
     "TfdbWarning",
     "TooOld",
@@ -279,8 +281,16 @@ class SnapshotClosed(TfdbError):
     """The snapshot was closed before it was read. Fields: commit."""
 
 
+class StreamClosed(TfdbError):
+    """The stream was closed, or belongs to another process."""
+
+
 class WatchClosed(TfdbError):
     """The watch was closed before or during the call."""
+
+
+class RuleCycle(TfdbError):
+    """A chain of rules is longer than `max_depth`; the last one was not run. Fields: commit."""
 
 
 class CapacityExceeded(TfdbError):

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Protocol,
+    TypeAlias,
+    TypeVar,
+)
 
 from tfdb._core import pose_parts, poses_of_matrices
 
@@ -27,6 +36,7 @@ if TYPE_CHECKING:
     Float = TypeVar("Float", np.float32, np.float64)
 
 __all__ = [
+    "Batch",
     "Changes",
     "Columns",
     "Counters",
@@ -39,6 +49,7 @@ __all__ = [
     "Refusal",
     "Refused",
     "RefusedEdge",
+    "Sample",
     "Shared",
     "Touched",
     "TransformStamped",
@@ -419,6 +430,32 @@ class Changes:
         from .notebooks import of_changes  # noqa: PLC0415 - needed by few
 
         return of_changes(self)
+
+
+class Sample(NamedTuple):
+    """One stored sample of an edge, from `Buffer.follow`."""
+
+    transform: Transform
+    """T[parent<-child]: its `target` is the parent, its `source` the child."""
+    stamp: int | None
+    """Nanoseconds; None of a static transform."""
+    commit: int
+    """The commit that stored it; of what was held before, the commit of that state."""
+    authority: str
+    """Its writer; of what was held before, the last writer of the edge."""
+
+
+class Batch(NamedTuple):
+    """The samples of several commits, from `Stream.batches`, in the order of commits."""
+
+    stored: Columns
+    """The moving samples T[parent<-child]."""
+    stored_static: Columns
+    """The static transforms T[parent<-child]."""
+    commits: npt.NDArray[np.int64]
+    """The commit of each row of `stored`, then of each row of `stored_static`."""
+    authorities: tuple[str, ...]
+    """The writer of each row, in the same order."""
 
 
 @dataclass(frozen=True, order=True, slots=True)

@@ -1,0 +1,348 @@
+"""The thread that evaluates the rules of a buffer on each commit that touches them."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from tfdb.data.errors import (
+    BufferClosed,
+    FeedLapped,
+    NoSuchStore,
+    RuleCycle,
+    SnapshotTooOld,
+    WatchClosed,
+)
+from tfdb.store.waiting import NO_ANSWER_YET
+
+from .event import Event
+from .pool import Pool
+from .rule import EVERY
+from .stats import RuleStats
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb._core import Buffer, Snapshot, Transform, Watch
+    from tfdb.data.types import Changes, Touched
+
+    from .rule import Rule, Subject
+
+__all__: list[str] = []
+
+LOGGER = logging.getLogger("tfdb.rules")
+_COMMITS = 256  # that are evaluated before rules may come and go
+_RENEWED = 1.0  # seconds: the held snapshot keeps no more than this of frames without rules
+
+
+class Dispatcher:
+    """Evaluates the rules of one buffer, in the order of commits.
+
+    The lock guards what comes and goes. No predicate and no action runs under it.
+    """
+
+    def __init__(self, buffer: Buffer) -> None:
+        self._buffer = buffer
+        self.total: RuleStats = RuleStats()
+        self.on_error: Callable[[Rule, Event | None, BaseException], object] | None = None
+        self.log_interval: float | None = None
+        self.pool: Pool = Pool(buffer, self.total, self.report)
+        self._lock = threading.Condition()
+        self.rules: list[Rule] = []
+        self._joining: list[tuple[Rule, Snapshot]] = []
+        self._installed = 0
+        self._is_stale = True  # `_watch` is of other rules
+        self._watch: Watch | None = None
+        self._by_subject: dict[Subject, list[Rule]] = {}
+        self._held: Snapshot | None = None  # of `_position` or before
+        self._position = 0  # the commit up to which the rules were evaluated
+        self._thread: threading.Thread | None = None
+        self._logged = time.monotonic()
+        self.ended: bool = False
+
+    def add(self, rule: Rule) -> None:
+        """Install a rule: it is evaluated on the commits that follow."""
+        frames, pairs, every = _watched([rule])
+        # This refuses what the buffer cannot watch.
+        self._buffer.watch(frames, pairs, every=every).close()
+        with self._lock:
+            if self.ended:
+                raise BufferClosed("the rules of this buffer have ended: it was closed")
+            start = self._buffer.snapshot()
+            self._installed += 1
+            rule._order = self._installed
+            rule._remove = self.remove
+            rule._seen = start.commit
+            self.rules.append(rule)
+            self._joining.append((rule, start))
+            self._change()
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="tfdb rules", daemon=True)
+                self._thread.start()
+
+    def remove(self, rule: Rule) -> None:
+        """End a rule: no action of it begins any more."""
+        with self._lock:
+            if rule.removed:
+                return
+            self.rules.remove(rule)
+            self._change()
+            with self.pool.lock:
+                rule._remove = None
+                self.pool.forget(rule)
+
+    def drain(self, timeout: float | None) -> bool:
+        """Wait until all commits so far are evaluated and no action waits or runs."""
+        until = None if timeout is None else time.monotonic() + timeout
+        while not self._is_idle():
+            with self._lock:
+                newest = self._buffer.commit
+                if self._position < newest:
+                    self._change()  # commits that touch no rule do not wake the thread
+                while self._thread is not None and self._position < newest:
+                    if not self._lock.wait(_left(until)):
+                        return False
+            if not self.pool.drain(_left(until)):
+                return False
+        return True
+
+    def _is_idle(self) -> bool:
+        with self._lock:
+            evaluated = self._thread is None or self._position >= self._buffer.commit
+            return evaluated and self.pool.drain(0)
+
+    def report(self, rule: Rule, event: Event | None, error: BaseException) -> None:
+        """Log and count what a predicate (no event) or an action raised."""
+        with self.pool.lock:
+            for stats in (rule.stats, self.total):
+                stats.exceptions += 1
+        what = "predicate" if event is None else "action"
+        LOGGER.error("the %s of rule %r raised", what, rule.name, exc_info=error)
+        if (tell := self.on_error) is not None:
+            try:
+                tell(rule, event, error)
+            except BaseException:  # counts no more than an action's
+                LOGGER.exception("on_error raised")
+
+    def wake(self) -> None:
+        """Let the thread look at what was set."""
+        with self._lock:
+            self._change()
+
+    def abandon(self) -> None:
+        """Forget all rules: in a child of fork, whose threads are gone."""
+        for rule in self.rules:
+            rule._remove = None
+        self.rules = []
+        self.ended = True
+
+    def _change(self) -> None:
+        self._is_stale = True
+        if self._watch is not None:
+            self._watch.close()
+
+    def _run(self) -> None:
+        try:
+            while self._step():
+                pass
+        except (BufferClosed, NoSuchStore):
+            self._end()
+        except BaseException:
+            LOGGER.exception("the rules of a buffer have ended")
+            self._end()
+
+    def _end(self) -> None:
+        with self._lock:
+            self.ended = True
+            self._change()
+            with self.pool.lock:
+                for rule in self.rules:
+                    rule._remove = None
+                    self.pool.forget(rule)
+            self.rules = []
+            self._stop()
+        self.pool.end()
+
+    def _stop(self) -> None:
+        for _, start in self._joining:
+            start.close()
+        self._joining = []
+        if self._held is not None:
+            self._held.close()
+        self._held = self._watch = self._thread = None
+        self._lock.notify_all()
+
+    def _step(self) -> bool:
+        """Evaluate the next commits. False: all rules were removed."""
+        watch = self._renewed()
+        if watch is None or self._held is None:
+            return False
+        taken = self._buffer.snapshot()
+        try:
+            touched = watch.next(self._position, self._patience(), limit=_COMMITS)
+            for record in touched:
+                with self._held.at(record.commit) as state:
+                    self._evaluate(record, state)
+        except (FeedLapped, SnapshotTooOld):
+            self._evaluate_newest(taken)
+            return True
+        except WatchClosed:
+            taken.close()
+            return True
+        last = touched[-1].commit if touched else 0
+        self._move(last if len(touched) == _COMMITS else max(taken.commit, last), taken)
+        return True
+
+    def _move(self, position: int, taken: Snapshot) -> None:
+        """Go on behind a commit. `taken`: a snapshot, held from now on unless it is newer."""
+        with self._lock:
+            self._position = position
+            if taken.commit > position:
+                taken.close()
+            elif self._held is not None:
+                self._held.close()
+                self._held = taken
+            self._lock.notify_all()
+        self.pool.forget_chains(position)
+
+    def _patience(self) -> float:
+        """Log the figures if it is time. Return the seconds for which the thread may sleep."""
+        if self.log_interval is None:
+            return _RENEWED
+        left = self._logged + self.log_interval - time.monotonic()
+        if left > 0:
+            return min(left, _RENEWED)
+        self._logged = time.monotonic()
+        for rule in tuple(self.rules):
+            LOGGER.info("rule %r: %s", rule.name, rule.stats)
+        LOGGER.info("all rules: %s", self.total)
+        return min(self.log_interval, _RENEWED)
+
+    def _renewed(self) -> Watch | None:
+        """Let rules come and go. Return the watch of all; None: there are none."""
+        with self._lock:
+            if not self.rules:
+                self._stop()
+                return None
+            if not self._is_stale:
+                return self._watch
+            joining, self._joining = self._joining, []
+            frames, pairs, every = _watched(self.rules)
+            self._watch = self._buffer.watch(frames, pairs, every=every)
+            self._is_stale = False
+            self._by_subject = {}
+            for rule in self.rules:
+                for subject in rule.on:
+                    self._by_subject.setdefault(subject, []).append(rule)
+            self._go_back(joining)
+            watch = self._watch
+        for rule, start in joining:
+            with start:
+                for subject in rule.on:
+                    if isinstance(subject, tuple):
+                        self._judge(rule, subject, start, (), None, first=True)
+        return watch
+
+    def _go_back(self, joining: list[tuple[Rule, Snapshot]]) -> None:
+        """Go back to the state at which the first of these rules was installed."""
+        for _, start in joining[:1]:
+            if self._held is None:
+                self._position = start.commit
+            if self._position >= start.commit:
+                for rule in self.rules:
+                    rule._seen = max(rule._seen, self._position)
+                for rule, its in joining:
+                    rule._seen = its.commit
+                if self._held is not None:
+                    self._held.close()
+                self._held = start.at(start.commit)
+                self._position = start.commit
+
+    def _evaluate(self, record: Touched, state: Snapshot) -> None:
+        chain = self.pool.chain_of(record.commit)
+        due = [
+            (rule._order, rule, subject)
+            for subject in (*record.what, EVERY)
+            for rule in self._by_subject.get(subject, ())
+            if record.commit > rule._seen
+        ]
+        for _, rule, subject in sorted(due, key=lambda each: each[0]):
+            if isinstance(subject, tuple):
+                self._judge(rule, subject, state, chain, None)
+                continue
+            frames = None if subject == EVERY else subject
+            for changes in self._buffer.changes(record.commit - 1, 1, frames=frames):
+                self._judge(rule, subject, state, chain, changes)
+
+    def _evaluate_newest(self, newest: Snapshot) -> None:
+        """Evaluate each pair on the newest state: those before are lost."""
+        unseen = newest.commit - self._position - 1
+        for rule in tuple(self.rules):
+            with self.pool.lock:
+                for stats in (rule.stats, self.total):
+                    stats.unseen += unseen
+            for subject in rule.on:
+                if isinstance(subject, tuple) and newest.commit > rule._seen:
+                    self._judge(rule, subject, newest, (), None, unseen=unseen)
+        self._move(newest.commit, newest)
+
+    def _judge(
+        self,
+        rule: Rule,
+        subject: Subject,
+        state: Snapshot,
+        chain: tuple[str, ...],
+        changes: Changes | None,
+        *,
+        unseen: int = 0,
+        first: bool = False,
+    ) -> None:
+        """Evaluate one rule on the state of a commit, and schedule its action if it fires."""
+        answer: Transform | None = None
+        if isinstance(subject, tuple):
+            with suppress(*NO_ANSWER_YET):
+                answer = state.lookup_transform(*subject, rule._at, rule._policy)
+        value = changes if answer is None else answer
+        try:
+            truth = value is not None and (rule._when is None or bool(rule._when(value)))
+        except BaseException as error:  # an exit or Ctrl-C is not this thread's to obey
+            self.report(rule, None, error)
+            return
+        was, before = rule._truths.get(subject, False), rule._answers.get(subject)
+        rule._truths[subject], rule._answers[subject] = truth, answer
+        fires = {
+            "rises": truth and not was,
+            "falls": was and not truth,
+            "changes": truth and answer != before,
+            "always": truth,
+        }[rule.fires]
+        if not (rule._initial and truth if first else fires):
+            return
+        event = Event(
+            rule, subject, state.commit, answer, before, changes, state.at(state.commit),
+            time.monotonic_ns(), chain, unseen=unseen,
+        )  # fmt: skip
+        if event.depth <= rule._max_depth:
+            self.pool.schedule(event)
+            return
+        event.snapshot.close()
+        with self.pool.lock:
+            for stats in (rule.stats, self.total):
+                stats.dropped += 1
+        text = f"rule {rule.name!r} is not run: more than {rule._max_depth} rules led to it: "
+        self.report(rule, event, RuleCycle(text + " -> ".join(chain), commit=state.commit))
+
+
+def _watched(rules: list[Rule]) -> tuple[list[str], list[tuple[str, str]], bool]:
+    """Return what a watch of these rules is of: frames, pairs, and whether of every commit."""
+    subjects = list(dict.fromkeys(subject for rule in rules for subject in rule.on))
+    frames = [subject for subject in subjects if isinstance(subject, str)]
+    pairs = [subject for subject in subjects if isinstance(subject, tuple)]
+    return [name for name in frames if name != EVERY], pairs, EVERY in frames
+
+
+def _left(until: float | None) -> float | None:
+    return None if until is None else max(0.0, until - time.monotonic())

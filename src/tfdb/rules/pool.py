@@ -1,0 +1,280 @@
+"""Threads that run the actions of rules, each rule's and each series' one at a time."""
+
+from __future__ import annotations
+
+import heapq
+import logging
+import threading
+import time
+from collections import defaultdict, deque
+from itertools import count
+from typing import TYPE_CHECKING
+
+from tfdb.data.errors import Conflict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb._core import Buffer, Transaction
+
+    from .event import Event
+    from .rule import Rule
+    from .stats import RuleStats
+
+__all__: list[str] = []
+
+LOGGER = logging.getLogger("tfdb.rules")
+
+
+class _Lane:
+    """Events that run one after the other: of a rule, or of a series of rules."""
+
+    def __init__(self) -> None:
+        self.events: deque[Event] = deque()
+        self.is_busy = False
+
+
+class Pool:
+    """Runs actions in daemon threads."""
+
+    def __init__(self, buffer: Buffer, total: RuleStats, report: Report) -> None:
+        self._buffer = buffer
+        self._total = total
+        self._report = report
+        self.lock: threading.Condition = threading.Condition()
+        self._committing: set[Event] = set()  # whose commit may be seen before `_chains` has it
+        self._chains: dict[int, tuple[str, ...]] = {}  # by commit, the rules that led to it
+        self._lanes: dict[object, _Lane] = {}
+        self._waiting: defaultdict[Rule, list[Event]] = defaultdict(list)
+        self._ready: list[tuple[float, int, _Lane]] = []
+        self._order = count()
+        self._wanted = 4
+        self._threads = 0
+        self._idle = 0
+        self._running = 0
+        self._ended = False
+
+    @property
+    def threads(self) -> int:
+        """How many actions run at once."""
+        return self._wanted
+
+    def resize(self, threads: int) -> None:
+        """Run so many actions at once from now on."""
+        with self.lock:
+            self._wanted = threads
+            self.lock.notify_all()
+
+    def schedule(self, event: Event) -> None:
+        """Put an event behind those of its lane."""
+        rule = event.rule
+        with self.lock:
+            if self._ended or rule.removed:
+                self._drop(event)
+                return
+            for stats in (rule.stats, self._total):
+                stats.scheduled += 1
+                stats.pending += 1
+            now = time.monotonic()
+            event._due = (
+                now + rule._debounce if rule._debounce else max(now, rule._began + rule._interval)
+            )
+            waiting = self._waiting[rule]
+            if rule._merges and waiting:
+                before = waiting[-1]
+                event.merged = before.merged + 1
+                self._give_up(before)
+                for stats in (rule.stats, self._total):
+                    stats.merged += 1
+            elif len(waiting) >= rule._max_pending:
+                for stats in (rule.stats, self._total):
+                    stats.dropped += 1
+                if not rule._keeps_newest:
+                    waiting.append(event)
+                    self._give_up(event)
+                    return
+                self._give_up(waiting[0])
+            waiting.append(event)
+            lane = self._lane_of(rule)
+            lane.events.append(event)
+            if not lane.is_busy:
+                lane.is_busy = True
+                self._make_ready(lane, event._due)
+
+    def forget(self, rule: Rule) -> None:
+        """Give up a rule's events that have not begun. The lock is held."""
+        for event in tuple(self._waiting[rule]):
+            self._give_up(event)
+            for stats in (rule.stats, self._total):
+                stats.dropped += 1
+        del self._waiting[rule]
+        self._lanes.pop(rule, None)
+
+    def chain_of(self, commit: int) -> tuple[str, ...]:
+        """Return the rules that led to a commit, once it is known that no action made it."""
+        with self.lock:
+            others = set(self._committing)
+            self.lock.wait_for(
+                lambda: commit in self._chains or others.isdisjoint(self._committing)
+            )
+            return self._chains.get(commit, ())
+
+    def forget_chains(self, until: int) -> None:
+        """Forget the rules that led to commits which are evaluated."""
+        with self.lock:
+            for commit in [commit for commit in self._chains if commit <= until]:
+                del self._chains[commit]
+
+    def drain(self, timeout: float | None) -> bool:
+        """Wait until no event waits or runs. False: the time is over."""
+        with self.lock:
+            return self.lock.wait_for(lambda: not self._ready and self._running == 0, timeout)
+
+    def end(self) -> None:
+        """Run nothing any more."""
+        with self.lock:
+            self._ended = True
+            for _, _, lane in self._ready:
+                for event in lane.events:
+                    self._drop(event)
+            self._ready.clear()
+            self.lock.notify_all()
+
+    def _lane_of(self, rule: Rule) -> _Lane:
+        if rule._overlap:
+            return _Lane()
+        key: object = rule if rule._serial is None else rule._serial
+        return self._lanes.setdefault(key, _Lane())
+
+    def _make_ready(self, lane: _Lane, due: float) -> None:
+        heapq.heappush(self._ready, (due, next(self._order), lane))
+        if self._idle == 0 and self._threads < self._wanted:
+            self._threads += 1
+            threading.Thread(target=self._work, name="tfdb rules", daemon=True).start()
+        self.lock.notify_all()  # others than workers wait for it as well
+
+    def _give_up(self, event: Event) -> None:
+        """An event that waits is not run."""
+        self._waiting[event.rule].remove(event)
+        for stats in (event.rule.stats, self._total):
+            stats.pending -= 1
+        self._drop(event)
+
+    @staticmethod
+    def _drop(event: Event) -> None:
+        event._dropped = True
+        event.snapshot.close()
+
+    def _work(self) -> None:
+        while (taken := self._take()) is not None:
+            lane, event = taken
+            try:
+                self._run(event)
+            finally:
+                event.snapshot.close()
+                with self.lock:
+                    self._running -= 1
+                    self._go_on(lane)
+                    self.lock.notify_all()
+
+    def _take(self) -> tuple[_Lane, Event] | None:
+        """Wait for an event whose time has come. None: this thread ends."""
+        with self.lock:
+            while True:
+                if self._ended or self._threads > self._wanted:
+                    self._threads -= 1
+                    return None
+                left = self._ready[0][0] - time.monotonic() if self._ready else None
+                if left is None or left > 0:
+                    self._idle += 1
+                    self.lock.wait(left)
+                    self._idle -= 1
+                    continue
+                _, _, lane = heapq.heappop(self._ready)
+                event = lane.events[0]
+                now = time.monotonic()
+                if event._dropped or event._due > now:
+                    if event._dropped:
+                        lane.events.popleft()
+                    self._go_on(lane)
+                    continue
+                lane.events.popleft()
+                rule = event.rule
+                self._waiting[rule].remove(event)
+                rule._began = now
+                self._running += 1
+                latency = (time.monotonic_ns() - event.scheduled) / 1e9
+                for stats in (rule.stats, self._total):
+                    stats.began(latency)
+                return lane, event
+
+    def _go_on(self, lane: _Lane) -> None:
+        """Make the next event of a lane ready."""
+        if self._ended:
+            return
+        if lane.events:
+            self._make_ready(lane, lane.events[0]._due)
+        else:
+            lane.is_busy = False
+            self.lock.notify_all()
+
+    def _run(self, event: Event) -> None:
+        rule = event.rule
+        began = time.monotonic()
+        try:
+            if rule._wants_transaction:
+                self._run_in_transaction(event)
+            else:
+                self._count(rule, again=False)
+                rule._action(event)
+        except BaseException as error:  # an exit or Ctrl-C is not this thread's to obey
+            self._report(rule, event, error)
+        seconds = time.monotonic() - began
+        with self.lock:
+            for stats in (rule.stats, self._total):
+                stats.ended_after(seconds)
+
+    def _run_in_transaction(self, event: Event) -> None:
+        rule = event.rule
+        attempts: list[Transaction] = []
+
+        def attempt(transaction: Transaction) -> None:
+            self._note(event)
+            self._count(rule, again=bool(attempts))
+            attempts.append(transaction)
+            rule._action(event, transaction)
+            with self.lock:
+                self._committing.add(event)
+
+        try:
+            self._buffer.run(attempt, retries=rule._retries)
+            won = attempts[-1]
+            self._note(event, won.commit if won._has_written else None)
+        except Conflict:
+            with self.lock:
+                for stats in (rule.stats, self._total):
+                    stats.abandoned += 1
+            raise
+        finally:
+            self._note(event)
+
+    def _note(self, event: Event, commit: int | None = None) -> None:
+        """An action of the event commits nothing any more, or has made this commit."""
+        with self.lock:
+            if commit is not None:
+                self._chains[commit] = (*event.chain, event.rule.name)
+            if event in self._committing:
+                self._committing.remove(event)
+                self.lock.notify_all()
+
+    def _count(self, rule: Rule, *, again: bool) -> None:
+        with self.lock:
+            for stats in (rule.stats, self._total):
+                stats.invoked += 1
+                stats.retried += again
+
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    Report: TypeAlias = Callable[[Rule, Event | None, BaseException], None]

@@ -1,0 +1,223 @@
+"""The class Rule: what fires, when, and how its action runs."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, cast
+
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.argument_checks import check_count, check_flag, check_name, check_word
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.lazy_names import belong_to
+from tfdb.data.stamps import shown
+
+from .stats import RuleStats
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from tfdb._core import Policy, Transform
+    from tfdb.data.stamps import StampLike
+
+__all__ = ["Rule", "RuleOptions"]
+
+Subject: TypeAlias = "str | tuple[str, str]"
+"""A frame, a pair (target, source), or `"*"`."""
+
+Fires: TypeAlias = Literal["rises", "falls", "changes", "always"]
+Action = TypeVar("Action", bound="Callable[..., object]")
+
+EVERY = "*"
+
+
+class RuleOptions(TypedDict, total=False):
+    """How a rule fires, and how its action runs."""
+
+    name: str
+    """Name in logs and in the chains of cascades. The name of the function, if it is not given."""
+    fires: Fires
+    """`rises` (of pairs): False at the last evaluation, True now. `falls`: the other way round.
+    `changes`: True, and the pair's answer is another one. `always` (of frames): True."""
+    policy: Policy | None
+    """Of the pair's lookup."""
+    at: StampLike | None
+    """Stamp of the pair's lookup; None: the latest common time."""
+    initial: bool
+    """Whether a pair's condition that is True at installation fires. False, if it is not given."""
+    retries: int
+    """How often an action with a transaction runs again after a Conflict: 3."""
+    serial: str
+    """Rules with one name run one at a time, in the order of commits, then of installation."""
+    overlap: bool
+    """Whether the action may run several times at once, in any order. False: one at a time, in the
+    order of commits."""
+    max_depth: int
+    """How many rules' commits may lead to a firing; a longer chain is a RuleCycle: 16."""
+    max_pending: int
+    """Largest number of events that wait for the action: 1000."""
+    keep: Literal["newest", "oldest"]
+    """Which events stay when there are more: `newest`."""
+    debounce: float
+    """Seconds: the action begins when no further event came for so long, with the newest one."""
+    max_rate: float
+    """Largest number of firings in a second. The newest event of those between stays."""
+
+
+class Rule:
+    """A rule of a buffer, from `Buffer.rule` or `Buffer.add_rule`."""
+
+    def __init__(
+        self,
+        action: Callable[..., object],
+        on: Subject | Iterable[Subject],
+        when: Callable[[Any], object] | None = None,
+        *,
+        name: str | None = None,
+        fires: Fires | None = None,
+        policy: Policy | None = None,
+        at: StampLike | None = None,
+        initial: bool = False,
+        retries: int = 3,
+        serial: str | None = None,
+        overlap: bool = False,
+        max_depth: int = 16,
+        max_pending: int = 1000,
+        keep: str = "newest",
+        debounce: float | None = None,
+        max_rate: float | None = None,
+    ) -> None:
+        _check_callable("a rule's action", action)
+        if when is not None:
+            _check_callable("when", when)
+        self.on: tuple[Subject, ...] = subjects_of(on)
+        """The pairs, the frames, or `"*"`."""
+        self.name: str = _name_of(action, name)
+        """Its name in logs and in the chains of cascades."""
+        self.fires: Fires = _fires_of(fires, is_of_pairs=isinstance(self.on[0], tuple))
+        """When it fires."""
+        self.stats: RuleStats = RuleStats()
+        """What was counted."""
+        self._action = action
+        self._wants_transaction = _takes_transaction(action)
+        self._when = when
+        self._policy = policy
+        self._at = at
+        self._initial = check_flag("initial", initial)
+        self._retries = _count_from_0("retries", retries)
+        self._serial = None if serial is None else check_name("serial", serial)
+        self._overlap = check_flag("overlap", overlap)
+        if self._overlap and serial is not None:
+            raise InvalidArgument("give serial or overlap, not both", value=serial)
+        self._max_depth = _count_from_0("max_depth", max_depth)
+        self._max_pending = check_count("max_pending", max_pending)
+        self._keeps_newest = check_word("keep", keep, ("newest", "oldest")) == "newest"
+        self._debounce = (
+            0.0 if debounce is None else duration_to_nanoseconds(debounce, "debounce") / 1e9
+        )
+        self._interval = 0.0 if max_rate is None else 1 / _rate(max_rate)
+        self._merges = debounce is not None or max_rate is not None
+        self._remove: Callable[[Rule], None] | None = None  # while it is installed
+        self._order = 0  # of installation
+        self._seen = 0  # the commit up to which it was evaluated
+        self._truths: dict[Subject, bool] = {}
+        self._answers: dict[Subject, Transform | None] = {}
+        self._began = float("-inf")  # the last action, of time.monotonic
+
+    @property
+    def removed(self) -> bool:
+        """Whether it was removed, or its buffer closed."""
+        return self._remove is None
+
+    def remove(self) -> None:
+        """End the rule. When this returns, no action of it begins any more.
+
+        An action that runs goes on; it may call this itself. A second call does nothing.
+        """
+        if (remove := self._remove) is not None:
+            remove(self)
+
+    def __repr__(self) -> str:
+        ended = ", removed" if self.removed else ""
+        return f"<tfdb.rules.Rule {self.name!r} on {', '.join(map(str, self.on))}{ended}>"
+
+
+def _check_callable(role: str, function: object) -> None:
+    if not callable(function):
+        raise TypeError(f"{role} must be callable, got {type(function).__name__}")
+
+
+def _fires_of(fires: Fires | None, *, is_of_pairs: bool) -> Fires:
+    if fires is None:
+        return "rises" if is_of_pairs else "always"
+    if fires == "changes" and not is_of_pairs:
+        raise InvalidArgument(
+            'fires="changes" compares the answers of pairs: of frames, every commit is a change'
+        )
+    checked: Fires = check_word("fires", fires, ("rises", "falls", "changes", "always"))
+    return checked
+
+
+def _name_of(action: Callable[..., object], name: str | None) -> str:
+    if name is not None:
+        return check_name("name", name)
+    return str(getattr(action, "__name__", "rule"))
+
+
+def subjects_of(on: object) -> tuple[Subject, ...]:
+    """Return the pairs, or the frames, each once."""
+    if isinstance(on, str) or _is_pair(on):
+        return (cast("Subject", on),)
+    try:
+        subjects = tuple(dict.fromkeys(on))  # type: ignore[call-overload]
+    except TypeError:
+        subjects = ()
+    frames = all(isinstance(subject, str) for subject in subjects)
+    alone = EVERY not in subjects or len(subjects) == 1
+    if subjects and alone and (frames or all(map(_is_pair, subjects))):
+        return subjects
+    raise InvalidArgument(
+        f"on must be a pair (target, source), a frame, a list of either, or '*', got {shown(on)}",
+        value=on,
+    )
+
+
+def _is_pair(subject: object) -> bool:
+    return (
+        isinstance(subject, tuple)
+        and len(subject) == 2
+        and all(isinstance(name, str) for name in subject)
+    )
+
+
+def _takes_transaction(action: Callable[..., object]) -> bool:
+    """Whether it is called with a transaction behind the event."""
+    try:
+        signature = inspect.signature(action)
+    except (TypeError, ValueError):
+        return False
+    for given in (2, 1):
+        try:
+            signature.bind(*range(given))
+        except TypeError:
+            continue
+        return given == 2
+    raise InvalidArgument(
+        "a rule's action takes an event, or an event and a transaction: fn(event), fn(event, tx)",
+        value=action,
+    )
+
+
+def _count_from_0(name: str, value: Any) -> int:
+    return 0 if value == 0 and not isinstance(value, bool | float) else check_count(name, value)
+
+
+def _rate(value: Any) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not 0 < value < float("inf"):
+        raise InvalidArgument(
+            f"max_rate must be above 0, in firings per second, got {shown(value)}", value=value
+        )
+    return float(value)
+
+
+belong_to("tfdb.rules", globals(), __all__)

@@ -1,0 +1,123 @@
+"""The class Rules: the rules of a buffer, and what concerns all of them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import TYPE_CHECKING
+from weakref import WeakSet
+
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.argument_checks import check_count
+from tfdb.data.lazy_names import belong_to
+
+from .dispatcher import Dispatcher
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from tfdb._core import Buffer
+
+    from .event import Event
+    from .rule import Rule
+    from .stats import RuleStats
+
+__all__ = ["Rules"]
+
+
+class Rules:
+    """The installed rules of a buffer, in the order of their installation: `Buffer.rules`."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        self._dispatcher = Dispatcher(buffer)
+        _all.add(self._dispatcher)
+
+    def __iter__(self) -> Iterator[Rule]:
+        return iter(tuple(self._dispatcher.rules))
+
+    def __len__(self) -> int:
+        return len(self._dispatcher.rules)
+
+    def __repr__(self) -> str:
+        return f"<tfdb.rules.Rules: {len(self)} installed>"
+
+    @property
+    def threads(self) -> int:
+        """Largest number of actions that run at once."""
+        return self._dispatcher.pool.threads
+
+    @threads.setter
+    def threads(self, threads: int) -> None:
+        self._dispatcher.pool.resize(check_count("threads", threads))
+
+    @property
+    def on_error(self) -> Callable[[Rule, Event | None, BaseException], object] | None:
+        """Function that is called with what a predicate or an action raised.
+
+        Its arguments are the rule, the event (None: the predicate raised) and the error, which is
+        also logged by the logger `tfdb.rules`.
+        """
+        return self._dispatcher.on_error
+
+    @on_error.setter
+    def on_error(
+        self, function: Callable[[Rule, Event | None, BaseException], object] | None
+    ) -> None:
+        self._dispatcher.on_error = function
+
+    @property
+    def stats_log_interval(self) -> float | None:
+        """Seconds between two reports of the figures in the log `tfdb.rules`; None: no reports."""
+        return self._dispatcher.log_interval
+
+    @stats_log_interval.setter
+    def stats_log_interval(self, seconds: float | None) -> None:
+        if seconds is not None:
+            seconds = duration_to_nanoseconds(seconds, "stats_log_interval") / 1e9
+        self._dispatcher.log_interval = seconds
+        self._dispatcher.wake()
+
+    @property
+    def stats(self) -> RuleStats:
+        """The figures of all rules, removed ones included."""
+        return replace(self._dispatcher.total)
+
+    def drain(self, timeout: float | None = None) -> bool:
+        """Wait until all commits so far are evaluated, and no action waits or runs.
+
+        Parameters
+        ----------
+        timeout
+            Seconds; None: for ever.
+
+        Returns
+        -------
+        bool
+            False: the time is over.
+
+        Raises
+        ------
+        InvalidArgument
+            The timeout is negative, or this is an action, which would wait for itself.
+        BufferClosed
+        """
+        if timeout is not None:
+            timeout = duration_to_nanoseconds(timeout, "timeout") / 1e9
+        return self._dispatcher.drain(timeout)
+
+    def _add(self, rule: Rule) -> Rule:
+        self._dispatcher.add(rule)
+        return rule
+
+
+_all: WeakSet[Dispatcher] = WeakSet()
+
+
+def _forget_parent() -> None:
+    for dispatcher in list(_all):
+        dispatcher.abandon()
+
+
+os.register_at_fork(after_in_child=_forget_parent)
+
+belong_to("tfdb.rules", globals(), __all__)

@@ -1,0 +1,57 @@
+"""What is counted of a rule, and of all rules of a buffer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tfdb.data.lazy_names import belong_to
+
+__all__ = ["RuleStats"]
+
+
+@dataclass(slots=True)
+class RuleStats:
+    """Counts since the rule was installed; of `Buffer.rules`, of all rules so far."""
+
+    scheduled: int = 0
+    """Events that were handed to an action."""
+    invoked: int = 0
+    """Actions that began, retries included."""
+    pending: int = 0
+    """Events whose action has not begun."""
+    dropped: int = 0
+    """Events that were given up: more than `max_pending`, deeper than `max_depth`, or the end."""
+    merged: int = 0
+    """Events that a later one replaced: `debounce` or `max_rate`."""
+    abandoned: int = 0
+    """Actions that still conflicted after the last retry."""
+    retried: int = 0
+    """Actions that ran again after a Conflict."""
+    exceptions: int = 0
+    """Predicates and actions that raised."""
+    unseen: int = 0
+    """Commits that went by without an evaluation."""
+    latency_mean: float = 0.0
+    """Seconds from when the commit was seen to when the action began."""
+    latency_max: float = 0.0
+    execution_mean: float = 0.0
+    """Seconds that an action took, retries included."""
+    execution_max: float = 0.0
+    ended: int = field(default=0, repr=False)
+    """Events whose action has ended."""
+
+    def began(self, latency: float) -> None:
+        """Count the first attempt of an action."""
+        self.pending -= 1
+        begun = self.ended + 1
+        self.latency_mean += (latency - self.latency_mean) / begun
+        self.latency_max = max(self.latency_max, latency)
+
+    def ended_after(self, seconds: float) -> None:
+        """Count the end of an action."""
+        self.ended += 1
+        self.execution_mean += (seconds - self.execution_mean) / self.ended
+        self.execution_max = max(self.execution_max, seconds)
+
+
+belong_to("tfdb.rules", globals(), __all__)

@@ -1,0 +1,165 @@
+"""The class AnswerStream: the answers of one lookup, one for each commit that changes it."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from tfdb.data.argument_checks import check_count
+from tfdb.data.errors import SnapshotTooOld
+from tfdb.data.lazy_names import belong_to
+from tfdb.store.waiting import NO_ANSWER_YET
+
+from .cursor import Cursor, deadline, separation_of
+
+if TYPE_CHECKING:
+    from tfdb._core import Buffer, Snapshot, Transform
+
+    from .cursor import Lapped
+
+__all__ = ["AnswerStream"]
+
+_COMMITS = 256  # whose states are read at once, at most
+
+
+class AnswerStream(Cursor["Transform"]):
+    """The answers T[target<-source], one for each commit that changes the answer.
+
+    `Buffer.follow(pair=...)` makes it. The answer is that of `lookup_transform` without a stamp, in
+    the state of the commit: another pose or another stamp is another answer. Iterate over it, or
+    call the `read_` methods. It is a context manager; `close()` ends its reads, from any thread.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        pair: tuple[str, str],
+        held: bool,
+        *,
+        hold: bool,
+        min_separation: float | None,
+        lapped: Lapped,
+        poll: float,
+    ) -> None:
+        self._pair = pair
+        self._separation = separation_of(min_separation)
+        self._answers: deque[Transform] = deque()
+        self._last: Transform | None = None
+        self._delivered: int | None = None  # its stamp
+        start = buffer.snapshot()
+        try:
+            super().__init__(
+                buffer, lambda: buffer.watch(pairs=[pair]), start, None,
+                hold=hold, lapped=lapped, poll=poll,
+            )  # fmt: skip
+            self._answer(start)
+            if not held:
+                self._answers.clear()
+                self._delivered = None
+        except BaseException:
+            start.close()
+            raise
+        if not hold:
+            start.close()
+
+    def read_next(self, n: int = 1, timeout: float | None = 0) -> Transform | None:
+        """Read the answer that is `n` after the one read last.
+
+        Parameters
+        ----------
+        n
+            A number of answers, not of seconds.
+        timeout
+            Seconds to wait for it; 0: do not wait; None: for ever.
+
+        Returns
+        -------
+        Transform or None
+            None: it is not there yet. The stream stays where it is.
+
+        Raises
+        ------
+        FeedLapped
+            Commits left the feed before they were read. `missed` counts them, and the next read
+            goes on behind them. Not with `lapped="skip"`.
+        InvalidArgument, StreamClosed, BufferClosed, NoSuchStore, TransactionActive
+        """
+        n = check_count("n", n)
+        until = deadline(timeout)
+        with self._lock:
+            self._check_open()
+            while len(self._answers) < n:
+                if not self._more(self._read_answers) and not self._wait(until):
+                    return None
+            for _ in range(n - 1):
+                self._answers.popleft()
+            return self._answers.popleft()
+
+    def read_new(self, timeout: float | None = 0) -> Transform | None:
+        """Read the newest answer, if it is newer than the one read last; skip those between.
+
+        Parameters
+        ----------
+        timeout
+            As in `read_next`.
+
+        Returns
+        -------
+        Transform or None
+            None: it has not changed since.
+
+        Raises
+        ------
+        InvalidArgument, StreamClosed, BufferClosed, NoSuchStore, TransactionActive
+        """
+        until = deadline(timeout)
+        with self._lock:
+            self._check_open()
+            while True:
+                while self._more(self._read_answers, quietly=True):
+                    pass
+                if self._answers:
+                    newest = self._answers.pop()
+                    self._answers.clear()
+                    return newest
+                if not self._wait(until):
+                    return None
+
+    def _read_answers(self) -> bool:
+        before = len(self._answers)
+        held, newest = self._held, self._buffer.commit
+        if held is None or self._watch is None:
+            # The states before the newest one are not kept.
+            with self._buffer.snapshot() as state:
+                self._answer(state)
+                self._position = state.commit
+            return len(self._answers) > before
+        touched = self._watch.next(self._position, 0, limit=_COMMITS)
+        for record in touched:
+            try:
+                with held.at(record.commit) as state:
+                    self._answer(state)
+            except SnapshotTooOld:
+                self._gone += 1
+        last = touched[-1].commit if touched else 0
+        self._position = last if len(touched) == _COMMITS else max(newest, last)
+        return len(self._answers) > before
+
+    def _answer(self, state: Snapshot) -> None:
+        """Keep the answer of a state, if it is another one."""
+        found = None
+        with suppress(*NO_ANSWER_YET):
+            found = state.lookup_transform(*self._pair)
+        if found is None or found == self._last:
+            self._last = found
+            return
+        self._last = found
+        earliest = 0 if self._delivered is None else self._delivered + (self._separation or 0)
+        if self._separation is not None and found.stamp < earliest:
+            return
+        self._delivered = found.stamp
+        self._answers.append(found)
+
+
+belong_to("tfdb.streams", globals(), __all__)

@@ -1,0 +1,281 @@
+"""What streams of samples and of answers share: a position in the feed, and its end."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+import warnings
+from contextlib import suppress
+from operator import index
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
+from weakref import WeakSet
+
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.argument_checks import check_flag, check_word, not_one_of
+from tfdb.data.errors import (
+    FeedLapped,
+    InvalidArgument,
+    NotSupported,
+    StreamClosed,
+    TfdbWarning,
+    WatchClosed,
+)
+from tfdb.data.stamps import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+    from typing import Self
+
+    from tfdb._core import Buffer, Snapshot, Watch
+
+__all__: list[str] = []
+
+Lapped: TypeAlias = Literal["raise", "skip"]
+Item = TypeVar("Item")
+_RENEWED = 1.0  # seconds: a held snapshot keeps no more than this of frames that are not followed
+
+
+class Cursor(Generic[Item]):
+    """A reader's position among the commits of a buffer.
+
+    One thread reads at a time, others wait for it; any thread may close it.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        watch: Callable[[], Watch],
+        start: Snapshot,
+        since: object,
+        *,
+        hold: bool,
+        lapped: Lapped,
+        poll: float,
+    ) -> None:
+        self._buffer = buffer
+        self._position = start.commit if since is None else commit_of(since, start.commit)
+        self._held = start if check_flag("hold", hold) else None
+        self._skips = check_word("lapped", lapped, ("raise", "skip")) == "skip"
+        self._poll = duration_to_nanoseconds(poll, "poll") / 1e9
+        self._gone = 0
+        self._missed = 0
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._ends: set[Callable[[], None]] = set()  # of asynchronous waits
+        try:
+            self._watch: Watch | None = watch()
+            with suppress(FeedLapped):  # the first read raises it
+                self._watch.next(self._position, 0, limit=1)  # it looks from its first call on
+        except NotSupported as error:
+            self._watch = None
+            text = (
+                f"the stream looks for commits every {self._poll:g} s, for it cannot wait: {error}"
+            )
+            warnings.warn(text, TfdbWarning, stacklevel=4)
+        _open.add(self)
+
+    @property
+    def commit(self) -> int:
+        """The last commit of which everything was read: `follow(since=...)` goes on from it."""
+        return self._position
+
+    @property
+    def missed(self) -> int:
+        """How many commits left the feed before they were read."""
+        return self._missed
+
+    @property
+    def gone(self) -> int:
+        """How many samples, or states of a pair, left the store before they were read."""
+        return self._gone
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called. A child of `fork` finds its streams closed."""
+        return self._closing.is_set()
+
+    def close(self) -> None:
+        """Release what the stream holds, and end its reads in all threads."""
+        self._closing.set()
+        if self._watch is not None:
+            self._watch.close()
+        for end in tuple(self._ends):
+            end()
+        with self._lock:
+            if self._held is not None:
+                self._held.close()
+
+    def read_next(self, n: int = 1, timeout: float | None = 0) -> Item | None:
+        """Read what is `n` after the one read last; None: it is not there yet."""
+        raise NotImplementedError
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Item:
+        try:
+            item = self.read_next(timeout=None)
+        except StreamClosed:
+            item = None
+        if item is None:
+            raise StopIteration
+        return item
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Item:
+        try:
+            while (item := self.read_next()) is None:
+                await self._wait_async()
+        except StreamClosed:
+            raise StopAsyncIteration from None
+        return item
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if self._closing.is_set():
+            raise StreamClosed("the stream is closed: make another by Buffer.follow()")
+
+    def _wait(self, until: float | None) -> bool:
+        """Wait for commits after the position, a while at most. False: the time is over."""
+        left = None if until is None else until - time.monotonic()
+        if left is not None and left <= 0:
+            return False
+        try:
+            self._look(_RENEWED if left is None else min(left, _RENEWED))
+        except FeedLapped as error:
+            self._skip(error)
+        return not self._closing.is_set()
+
+    def _look(self, left: float | None) -> bool:
+        """Wait `left` seconds for a commit that may concern the stream, and move to before it."""
+        if self._watch is None:
+            _ = self._buffer.commit
+            self._closing.wait(self._poll if left is None else min(self._poll, left))
+            return not self._closing.is_set()
+        try:
+            touched = self._watch.next(self._position, left, limit=1)
+        except WatchClosed:
+            return False
+        if touched:
+            self._position = touched[0].commit - 1
+        return bool(touched)
+
+    async def _wait_async(self) -> None:
+        """Wait until a commit follows the position, or the stream is closed."""
+        import asyncio  # noqa: PLC0415 - it takes as long as all of tfdb
+
+        self._check_open()
+        if self._watch is None:
+            await asyncio.sleep(self._poll)
+            return
+        loop = asyncio.get_running_loop()
+        wait = loop.create_task(self._buffer.wait_for_commit_async(self._position))
+
+        def end() -> None:
+            with suppress(RuntimeError):  # a closed loop waits no more
+                loop.call_soon_threadsafe(wait.cancel)
+
+        self._ends.add(end)
+        try:
+            self._check_open()
+            await wait
+        except asyncio.CancelledError:
+            self._check_open()
+            raise
+        finally:
+            wait.cancel()
+            self._ends.discard(end)
+
+    def _more(self, read: Callable[[], bool], *, quietly: bool = False) -> bool:
+        """Call `read`, which moves the position, until it finds something. False: nothing is there.
+
+        It reads under a snapshot of the position, if the stream holds one.
+        """
+        while (newest := self._buffer.commit) > self._position:
+            taken = None if self._held is None else self._buffer.snapshot()
+            try:
+                if self._watch is not None and not self._look(0):
+                    self._position = max(newest, self._position)
+                elif read():
+                    return True
+            except FeedLapped as error:
+                self._skip(error, quietly=quietly)
+            finally:
+                self._hold(taken)
+        return False
+
+    def _skip(self, error: FeedLapped, *, quietly: bool = False) -> None:
+        """Go on behind the commits that the feed has no more. Raises the error unless `quietly`."""
+        next_one = self._position if error.commit is None else error.commit
+        self._missed += next_one - self._position
+        self._position = next_one
+        if not (quietly or self._skips):
+            raise error
+
+    def _hold(self, taken: Snapshot | None) -> None:
+        """Keep a snapshot that was taken before a read, if the position has reached its commit."""
+        if taken is None or self._held is None:
+            return
+        if taken.commit > self._position:
+            taken.close()
+        else:
+            self._held.close()
+            self._held = taken
+
+
+_open: WeakSet[Cursor[Any]] = WeakSet()
+
+
+def _close_in_child() -> None:
+    for cursor in list(_open):
+        cursor._lock = threading.Lock()  # the thread that held it is not in this process
+        cursor._closing.set()
+
+
+os.register_at_fork(after_in_child=_close_in_child)
+
+
+def commit_of(since: object, newest: int) -> int:
+    """Check the number of a commit that a stream goes on from."""
+    if isinstance(since, str):
+        more = f"a commit number from 0 to {newest}"
+        raise InvalidArgument(not_one_of("since", since, ("held",), more), value=since)
+    try:
+        number = -1 if isinstance(since, bool) else index(since)  # type: ignore[arg-type]
+    except TypeError:
+        number = -1
+    if not 0 <= number <= newest:
+        raise InvalidArgument(
+            f"since must be a commit number from 0 to {newest} (the newest commit), None or "
+            f"'held', got {shown(since)}",
+            value=since,
+        )
+    return number
+
+
+def deadline(timeout: float | None) -> float | None:
+    """Return the end of a wait, as `time.monotonic` counts; None: it has none."""
+    if timeout is None:
+        return None
+    return time.monotonic() + duration_to_nanoseconds(timeout, "timeout") / 1e9
+
+
+def separation_of(min_separation: float | None) -> int | None:
+    """Return it in nanoseconds; None: nothing is left out."""
+    if min_separation is None:
+        return None
+    return duration_to_nanoseconds(min_separation, "min_separation")

@@ -1,0 +1,51 @@
+"""Implements `Buffer.follow`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.stamps import shown
+
+from .answers import AnswerStream
+from .stream import Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from tfdb._core import Buffer
+
+    from .cursor import Lapped
+
+
+def follow(
+    buffer: Buffer,
+    frames: str | Iterable[str] | None,
+    pair: tuple[str, str] | None,
+    since: int | Literal["held"] | None,
+    hold: bool,
+    min_separation: float | None,
+    lapped: Lapped,
+    poll: float,
+) -> Stream | AnswerStream:
+    """Make a stream of samples, or of the answers of a pair."""
+    held = since == "held"
+    commit = None if held else since
+    if pair is None:
+        names = [frames] if isinstance(frames, str) else None if frames is None else list(frames)
+        return Stream(
+            buffer, names, commit, held,
+            hold=hold, min_separation=min_separation, lapped=lapped, poll=poll,
+        )  # fmt: skip
+    if frames is not None:
+        raise InvalidArgument("give frames or a pair, not both", value=frames)
+    if commit is not None:
+        raise InvalidArgument(
+            f"a pair is followed since='held' or from now on, not since {shown(commit)}: older "
+            "states are not kept",
+            value=commit,
+        )
+    return AnswerStream(
+        buffer, pair, held,
+        hold=hold, min_separation=min_separation, lapped=lapped, poll=poll,
+    )  # fmt: skip

@@ -1,0 +1,115 @@
+"""Samples of commits as the rows of one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from itertools import chain, compress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tfdb._core import rows_of_commits, samples_of_rows
+from tfdb.data.types import Batch, Columns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    import numpy.typing as npt
+
+    from tfdb.data.types import Changes, Sample
+
+__all__: list[str] = []
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """N samples T[parent<-child], in the order of commits."""
+
+    parents: list[str]
+    children: list[str]
+    stamps: npt.NDArray[np.int64]
+    """Nanoseconds; 0 of a static transform."""
+    poses: npt.NDArray[np.float64]
+    statics: npt.NDArray[np.bool_]
+    commits: npt.NDArray[np.int64]
+    authorities: list[str]
+
+    def __len__(self) -> int:
+        return len(self.parents)
+
+    def part(self, first: int, last: int) -> Rows:
+        """Return the rows from `first` up to `last`, which is left out."""
+        return Rows(*(column[first:last] for column in self.columns()))
+
+    def chosen(self, mask: npt.NDArray[np.bool_]) -> Rows:
+        """Return the rows for which the mask is true."""
+        columns: list[Any] = [
+            column[mask] if isinstance(column, np.ndarray) else list(compress(column, mask))
+            for column in self.columns()
+        ]
+        return Rows(*columns)
+
+    def columns(self) -> tuple[Any, ...]:
+        """Return all columns, in the order of the fields."""
+        return tuple(getattr(self, field.name) for field in fields(self))
+
+    def samples(self) -> list[Sample]:
+        """Return each row as a Sample."""
+        return samples_of_rows(*self.columns())
+
+    def batch(self) -> Batch:
+        """Return the moving and the static rows as columns."""
+        parts = (self, NONE)
+        if self.statics.any():
+            parts = (self.chosen(~self.statics), self.chosen(self.statics))
+        moving, static = parts
+        return Batch(
+            Columns(moving.parents, moving.children, moving.stamps, moving.poses),
+            Columns(static.parents, static.children, None, static.poses),
+            np.concatenate([moving.commits, static.commits]),
+            (*moving.authorities, *static.authorities),
+        )
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of one table after those of the other."""
+    parts = [part for part in parts if len(part)]
+    if len(parts) < 2:
+        return parts[0] if parts else NONE
+    columns: list[Any] = [
+        np.concatenate(same) if isinstance(same[0], np.ndarray) else [*chain(*same)]
+        for same in zip(*(part.columns() for part in parts), strict=True)
+    ]
+    return Rows(*columns)
+
+
+def of_bytes(data: bytes) -> tuple[int, Rows]:
+    """Read bytes of `commits_bytes` or `state_bytes`: their last commit, and the rows."""
+    last, columns = rows_of_commits(data)
+    return last, Rows(*columns)
+
+
+def of_changes(records: Iterable[Changes]) -> Rows:
+    """Return what remains of the samples of these commits."""
+    parts = []
+    for record in records:
+        moving, static = record.stored, record.stored_static
+        stamps = np.asarray(moving.stamps, np.int64)
+        count = len(moving) + len(static)
+        parts.append(
+            Rows(
+                [*moving.parents, *static.parents],
+                [*moving.children, *static.children],
+                np.concatenate([stamps, np.zeros(len(static), np.int64)]),
+                np.concatenate([moving.poses, static.poses]),
+                np.arange(count) >= len(moving),
+                np.full(count, record.commit, np.int64),
+                list(record.authorities),
+            )
+        )
+    return joined(parts)
+
+
+NONE = Rows(
+    [], [], np.zeros(0, np.int64), np.zeros((0, 7)), np.zeros(0, bool), np.zeros(0, np.int64), []
+)

@@ -1,0 +1,444 @@
+"""The class Stream: the samples that commits store, each once and in order."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tfdb._core import duration_to_nanoseconds, to_nanoseconds
+from tfdb.data.argument_checks import check_count
+from tfdb.data.errors import FeedLapped, Gone, InvalidArgument, StreamClosed
+from tfdb.data.lazy_names import belong_to
+from tfdb.data.policies import Previous
+from tfdb.data.types import Changes, Sample
+
+from .cursor import Cursor, deadline, separation_of
+from .rows import NONE, joined, of_bytes, of_changes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from tfdb._core import Buffer, Snapshot
+    from tfdb.data.stamps import StampLike
+    from tfdb.data.types import Batch
+
+    from .cursor import Lapped
+    from .rows import Rows
+
+__all__ = ["Stream"]
+
+_COMMITS = 4096  # that are read at once, at most
+_BYTES = 1 << 20
+_RECORDS = 64
+
+
+class Stream(Cursor["Sample"]):
+    """A cursor over the samples that commits store: each once, in the order of commits.
+
+    `Buffer.follow()` makes it. Iterate over it, over `batches()` or over `changes()`, or call the
+    `read_` methods. Within a commit the samples come edge by edge in stamp order, the moving ones
+    first. `Stream` is a context manager; `close()` ends all its reads, from any thread. One thread
+    reads at a time, and others wait for it.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        frames: Sequence[str] | None,
+        since: object,
+        held: bool,
+        *,
+        hold: bool,
+        min_separation: float | None,
+        lapped: Lapped,
+        poll: float,
+    ) -> None:
+        self._frames = frames
+        self._separation = separation_of(min_separation)
+        self._delivered: dict[str, int] = {}  # the stamp that was read last, by child
+        self._rows = NONE
+        self._made: list[Sample] | None = None  # of `_rows`
+        self._next = 0  # the row that is read next
+        self._has_read = False
+        self._held_commit = 0  # of the rows that were there before the stream
+        self._floor = 0  # `read_back` reads later commits only
+        self._records: deque[Changes] = deque()
+        start = buffer.snapshot()
+        try:
+            super().__init__(
+                buffer, lambda: buffer.watch(frames or (), every=frames is None), start, since,
+                hold=hold, lapped=lapped, poll=poll,
+            )  # fmt: skip
+            if held:
+                self._held_commit, rows = of_bytes(start.state_bytes(frames=frames))
+                self._floor = self._held_commit
+                self._append(rows)
+        except BaseException:
+            start.close()
+            raise
+        if not hold:
+            start.close()
+
+    @property
+    def commit(self) -> int:
+        """The last commit of which everything was read: `follow(since=...)` goes on from it."""
+        if self._unread:
+            return int(self._rows.commits[self._next]) - 1
+        return self._records[0].commit - 1 if self._records else self._position
+
+    def __next__(self) -> Sample:
+        with self._lock:
+            made, row = self._made, self._next
+            if made is not None and row < len(made) and not self._closing.is_set():
+                self._next = row + 1
+                self._has_read = True
+                return made[row]
+        return super().__next__()
+
+    def read_next(self, n: int = 1, timeout: float | None = 0) -> Sample | None:
+        """Read the sample that is `n` after the one read last.
+
+        Parameters
+        ----------
+        n
+            A number of samples, not of seconds.
+        timeout
+            Seconds to wait for it; 0: do not wait; None: for ever.
+
+        Returns
+        -------
+        Sample or None
+            None: it is not there yet. The stream stays where it is.
+
+        Raises
+        ------
+        FeedLapped
+            Commits left the feed before they were read. `missed` counts them, and the next read
+            goes on behind them. Not with `lapped="skip"`.
+        InvalidArgument, StreamClosed, BufferClosed, NoSuchStore, TransactionActive
+        """
+        n = check_count("n", n)
+        until = deadline(timeout)
+        with self._lock:
+            self._check_open()
+            while self._unread < n:
+                if not self._more(self._read_rows) and not self._wait(until):
+                    return None
+            return self._move(n)
+
+    def read_new(self, timeout: float | None = 0) -> Sample | None:
+        """Read the newest sample, if it is newer than the one read last; skip those between.
+
+        Parameters
+        ----------
+        timeout
+            As in `read_next`.
+
+        Returns
+        -------
+        Sample or None
+            None: nothing came since.
+
+        Raises
+        ------
+        InvalidArgument, StreamClosed, BufferClosed, NoSuchStore, TransactionActive
+        """
+        until = deadline(timeout)
+        with self._lock:
+            self._check_open()
+            while not self._drain():
+                if not self._wait(until):
+                    return None
+            return self._move(self._unread)
+
+    def read_last(self, timeout: float | None = 0) -> Sample | None:
+        """Read the newest sample, whether it was read before or not; skip those between.
+
+        Parameters
+        ----------
+        timeout
+            As in `read_next`.
+
+        Returns
+        -------
+        Sample or None
+            None: the store has none.
+
+        Raises
+        ------
+        InvalidArgument, StreamClosed, BufferClosed, NoSuchStore, TransactionActive
+        """
+        until = deadline(timeout)
+        with self._lock:
+            self._check_open()
+            while True:
+                if self._drain():
+                    return self._move(self._unread)
+                if self._next:
+                    return self._sample(self._next - 1)
+                if (found := self._of_state(None)) is not None or not self._wait(until):
+                    return found
+
+    def read_back(self, n: int = 1) -> Sample | None:
+        """Read the sample that is `n` before the one read last.
+
+        It goes back as far as the feed reaches, but not into what was there before a stream
+        `since="held"`.
+
+        Parameters
+        ----------
+        n
+            A number of samples, not of seconds.
+
+        Returns
+        -------
+        Sample or None
+            None: the feed has no such sample any more. The stream stays where it is.
+
+        Raises
+        ------
+        InvalidArgument
+            Also with `min_separation`, for samples that were left out count.
+        StreamClosed, BufferClosed, NoSuchStore, TransactionActive
+        """
+        n = check_count("n", n)
+        if self._separation is not None:
+            raise InvalidArgument("read_back counts all samples: follow without min_separation")
+        with self._lock:
+            self._check_open()
+            back = n + self._has_read
+            while self._next < back:
+                if not self._earlier():
+                    return None
+            self._next -= back
+            return self._move(1)
+
+    def read_at(self, stamp: StampLike) -> Sample | None:
+        """Read the sample at a stamp or before it from the newest state; do not move the stream.
+
+        Parameters
+        ----------
+        stamp
+            Nanoseconds.
+
+        Returns
+        -------
+        Sample or None
+            The newest one at or before the stamp among the stream's moving frames; its `commit` is
+            that of the state. None: there is none.
+
+        Raises
+        ------
+        InvalidStamp, StreamClosed, BufferClosed, TransactionActive
+        """
+        wanted = to_nanoseconds(stamp)
+        with self._lock:
+            self._check_open()
+            return self._of_state(wanted)
+
+    def batches(self, max_rows: int = 4096, max_wait: float = 0.1) -> Iterator[Batch]:
+        """Iterate over batches of samples, as columns.
+
+        A batch waits for its first sample, and then for more. After FeedLapped the same iterator
+        goes on; it ends when the stream is closed.
+
+        Parameters
+        ----------
+        max_rows
+            Largest number of samples in a batch. A commit may be cut by it.
+        max_wait
+            Seconds for which a batch waits after its first sample.
+
+        Raises
+        ------
+        InvalidArgument, and what `read_next` raises
+        """
+        most = check_count("max_rows", max_rows)
+        longest = duration_to_nanoseconds(max_wait, "max_wait") / 1e9
+        return iter(lambda: self._batch(most, longest), None)
+
+    def changes(self) -> Iterator[Changes]:
+        """Iterate over whole commits, as `Buffer.changes` tells them.
+
+        After FeedLapped the same iterator goes on; it ends when the stream is closed. Of a commit
+        that was read in part, the rest is skipped. What a stream `since="held"` found comes as
+        one record, whose frames are all `made`. `min_separation` does not apply.
+
+        Raises
+        ------
+        What `read_next` raises
+        """
+        return iter(self._change, None)
+
+    @property
+    def _unread(self) -> int:
+        return len(self._rows) - self._next
+
+    def _move(self, n: int) -> Sample:
+        self._next += n
+        self._has_read = True
+        return self._sample(self._next - 1)
+
+    def _sample(self, row: int) -> Sample:
+        if self._made is None:
+            self._made = self._rows.samples()
+        return self._made[row]
+
+    def _append(self, rows: Rows) -> None:
+        """Put rows behind those that are unread, and forget the others."""
+        if self._separation is not None:
+            rows = self._separated(rows, self._separation)
+        if len(rows):
+            self._rows = joined([self._rows.part(self._next, len(self._rows)), rows])
+            self._next = 0
+            self._made = None
+
+    def _separated(self, rows: Rows, separation: int) -> Rows:
+        kept = rows.statics.copy()
+        last = self._delivered
+        for row, (child, stamp) in enumerate(zip(rows.children, rows.stamps.tolist(), strict=True)):
+            if not kept[row] and stamp >= last.get(child, -separation) + separation:
+                last[child] = stamp
+                kept[row] = True
+        return rows if kept.all() else rows.chosen(kept)
+
+    def _read_rows(self) -> bool:
+        """Put the next rows behind the unread ones. False: there are none of these frames."""
+        if self._records:
+            self._position = self._records[0].commit - 1
+            self._records.clear()
+        buffer, before = self._buffer, self._unread
+        try:
+            data = buffer.commits_bytes(
+                self._position, max_commits=_COMMITS, max_bytes=_BYTES, frames=self._frames
+            )
+            self._position, rows = of_bytes(data)
+        except Gone:
+            rows = of_changes(self._next_records())
+        self._append(rows)
+        return self._unread > before
+
+    def _next_records(self) -> list[Changes]:
+        newest = self._buffer.commit
+        records = self._buffer.changes(self._position, _RECORDS, frames=self._frames)
+        last = records[-1].commit if records else 0
+        self._position = last if len(records) == _RECORDS else max(newest, last)
+        self._gone += sum(sum(record.gone.values()) for record in records)
+        return records
+
+    def _read_records(self) -> bool:
+        self._records.extend(self._next_records())
+        return bool(self._records)
+
+    def _drain(self) -> bool:
+        """Read up to the newest commit. False: nothing is unread."""
+        while self._more(self._read_rows, quietly=True):
+            self._next = len(self._rows) - 1
+        return self._unread > 0
+
+    def _earlier(self) -> bool:
+        """Put rows before those that are there. False: the feed has none any more."""
+        last = int(self._rows.commits[0]) if len(self._rows) else self._position
+        known = int((self._rows.commits == last).sum())
+        while last > self._floor:
+            since = max(last - _RECORDS, self._floor)
+            try:
+                records = self._buffer.changes(since, last - since)
+            except FeedLapped as error:
+                self._floor = max(error.oldest or 0, self._floor)
+                continue
+            rows = of_changes(records)
+            if self._frames is not None:
+                rows = rows.chosen(np.isin(rows.children, self._frames))
+            if len(rows) > known:
+                rows = rows.part(0, len(rows) - known)
+                self._rows = joined([rows, self._rows])
+                self._made = None
+                self._next += len(rows)
+                return True
+            last, known = since, 0
+        return False
+
+    def _of_state(self, stamp: int | None) -> Sample | None:
+        """Find the newest sample of the newest state, at or before a stamp if one is given."""
+        with self._buffer.snapshot() as state:
+            names = state.frames() if self._frames is None else self._frames
+            found = [_sample_of(state, name, stamp) for name in names]
+        return max(
+            (sample for sample in found if sample is not None),
+            key=lambda sample: -1 if sample.stamp is None else sample.stamp,
+            default=None,
+        )
+
+    def _batch(self, max_rows: int, max_wait: float) -> Batch | None:
+        try:
+            with self._lock:
+                self._check_open()
+                while not self._unread:
+                    if not self._more(self._read_rows) and not self._wait(None):
+                        return None
+                until = time.monotonic() + max_wait
+                while self._unread < max_rows and (left := until - time.monotonic()) > 0:
+                    if self._closing.wait(left):
+                        break
+                    while self._unread < max_rows and self._more(self._read_rows):
+                        pass
+                last = min(self._next + max_rows, len(self._rows))
+                rows = self._rows.part(self._next, last)
+                self._next = last
+                self._has_read = True
+                return rows.batch()
+        except StreamClosed:
+            return None
+
+    def _change(self) -> Changes | None:
+        try:
+            with self._lock:
+                self._check_open()
+                if self._unread and (held := self._leave_rows()) is not None:
+                    return held
+                while not self._records:
+                    if not self._more(self._read_records) and not self._wait(None):
+                        return None
+                return self._records.popleft()
+        except StreamClosed:
+            return None
+
+    def _leave_rows(self) -> Changes | None:
+        """Forget unread rows, to read them as records. What was held has no record: it is made."""
+        rows = self._rows.part(self._next, len(self._rows))
+        commit = int(rows.commits[0])
+        is_cut = self._next > 0 and self._rows.commits[self._next - 1] == commit
+        self._position = commit if is_cut or commit == self._held_commit else commit - 1
+        self._rows, self._next = NONE, 0
+        if is_cut or commit != self._held_commit:
+            return None
+        batch = rows.batch()
+        frames = tuple(sorted({*rows.parents, *rows.children}))
+        return Changes(commit, *batch[:2], batch.authorities, frames, (), (), (), (), {})
+
+
+def _sample_of(state: Snapshot, name: str, stamp: int | None) -> Sample | None:
+    """Find an edge's newest sample, at or before a stamp if one is given."""
+    info = state.frame_info(name) if state.frame_exists(name) else None
+    if info is None or info.parent is None:
+        return None
+    if info.newest is None or info.oldest is None:
+        at = None
+    elif stamp is not None and stamp < info.oldest:
+        return None
+    else:
+        at = info.newest if stamp is None else min(stamp, info.newest)
+    parent = state.parent_of(name, at)
+    if parent is None:
+        return None
+    transform = state._lookup_edge(parent, name, at, Previous())
+    if (used := transform.report.edges[0].before) is not None:
+        transform = state._lookup_edge(parent, name, used, None)
+    return Sample(transform, used, state.commit, info.authority)
+
+
+belong_to("tfdb.streams", globals(), __all__)
