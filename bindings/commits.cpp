@@ -50,7 +50,7 @@ nb::bytes commits_bytes(BufferObject& self, nb::handle since, nb::handle max_com
 }
 
 nb::bytes state_bytes(nb::handle self, nb::handle frames, nb::handle newest) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<SnapshotObject>(self));
     const ChosenFrames chosen(frames);
     const std::size_t most =
         newest.is_none() ? ~std::size_t{0} : count_of(newest, "newest", 1, kMaxCommit);

@@ -58,9 +58,41 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "load": ("nowhere.mcap",),
     "_attempt": (0, False, 0),
     "__exit__": (None, None, None),
+    "add_rule": (print, "map"),
+    "apply": (b"",),
+    "at": (1,),
+    "changes": (0,),
+    "commits_bytes": (0,),
+    "follow": ("map",),
+    "forget_source": ("robot",),
+    "lookup_edges": (["base"],),
+    "lookup_latest_transform": ("map", "base"),
+    "next": (0, 0),
+    "rule": ("map",),
+    "wait_for_commit": (0, 0),
+    "watch": ("map",),
 }
-NONE = {"frames", "tree", "snapshot", "memory", "counters", "clear", "close", "abort"}
+NONE = {"compact", "positions", "state_bytes", "tree_columns"}
+NONE |= {"frames", "tree", "snapshot", "memory", "counters", "clear", "close", "abort"}
 NONE |= {"transaction", "__enter__", "_repr_html_"}
+
+
+@pytest.mark.parametrize("name", sorted(ARGUMENTS.keys() | NONE))
+def test_arguments_fit_the_methods(name: str) -> None:
+    """A wrong argument would be refused before a wrong object is."""
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
+    held, watch, other = buf.snapshot(), buf.watch("map"), tfdb.Buffer()
+    with buf.transaction() as tx:
+        owners: list[Any] = [held, watch, tx, other]
+        for owner in owners:
+            if name.startswith("__") or not callable(getattr(type(owner), name, None)):
+                continue
+            try:
+                call(getattr(type(owner), name), name, owner)
+            except (tfdb.TfdbError, OSError):
+                continue
+        tx.abort()
 
 
 def call(method: Callable[..., Any], name: str, obj: Any) -> Any:
