@@ -25,6 +25,9 @@ PACKAGES = [
     "tfdb.tf2",
     "tfdb_measure.verify",
     "tfdb.ros",
+    "tfdb.judging",
+    "tfdb.rules",
+    "tfdb.streams",
 ]
 NEEDS_ROS = {"RospyNode", "RclpyNode"}
 

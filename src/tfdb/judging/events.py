@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from tfdb.data.decimal_time import NS_PER_SECOND
+from tfdb.data.lazy_names import belong_to
 from tfdb.data.time_text import format_duration, format_when
 
 ANOTHER_CLOCK = 3600 * NS_PER_SECOND
@@ -102,3 +103,6 @@ class Event:
     def _text(self, value: float) -> str:
         unit = _UNITS.get(self.kind)
         return f"{value:.4g} {unit}" if unit else format_duration(round(value * 1e9))
+
+
+belong_to("tfdb.judging", globals(), ("Event",))

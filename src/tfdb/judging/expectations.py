@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from tfdb.data.argument_checks import check_word
 from tfdb.data.errors import ExpectationError, InvalidArgument
+from tfdb.data.lazy_names import belong_to
 from tfdb.data.new_file import new_file
 from tfdb.data.path_checks import check_path
 from tfdb.data.stamps import shown
@@ -279,3 +280,7 @@ def _check_contradictions(
 
 def _first_twice(names: Sequence[str]) -> str:
     return next(name for name in names if names.count(name) > 1)
+
+
+belong_to("tfdb", globals(), ("Expectations",))
+belong_to("tfdb.judging", globals(), ("AuthorityExpectation", "Expectation"))

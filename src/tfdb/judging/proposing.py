@@ -10,6 +10,7 @@ import numpy as np
 
 from tfdb._core import Buffer
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
+from tfdb.data.lazy_names import belong_to
 from tfdb.data.path_checks import check_path
 from tfdb.recordings.arrivals import ArrivalReader
 from tfdb.recordings.selection import Selection
@@ -202,3 +203,6 @@ def span_of(arrivals: Arrivals) -> tuple[int, int]:
     if not known:
         return 0, 0
     return min(int(each.min()) for each in known), max(int(each.max()) for each in known)
+
+
+belong_to("tfdb.judging", globals(), ("propose",))
