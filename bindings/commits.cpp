@@ -240,7 +240,7 @@ ReadOnly, LockTimeout, NotSupported, TransactionActive.)");
     type.def("positions", &positions, nb::sig("def positions(self) -> list[tfdb.types.Position]"),
              R"(Return how far the commits of each source have been applied.
 
-In the order in which the sources came first.)");
+In the order in which the sources came first. A frozen store has none.)");
     type.def_prop_ro(
         "epoch", [](BufferObject& self) { return epoch_record(self.open_store().epoch()); },
         nb::sig("def epoch(self) -> tfdb.types.Epoch"),

@@ -271,6 +271,63 @@ def test_a_frozen_state_goes_on_by_commits(tmp_path: Path) -> None:
     assert_equal(copy, source)
 
 
+def test_a_frozen_store_sends_chosen_frames_and_takes_nothing(tmp_path: Path) -> None:
+    robot, source, copy = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+    for frame in NAMES[:2]:
+        robot.set_transform("map", frame, 10, *pose(1))
+    source.apply(robot.commits_bytes(0), source="robot")
+    source.freeze(tmp_path / "state.tfdb")
+    frozen = tfdb.open(tmp_path / "state.tfdb")
+    assert isinstance(frozen, tfdb.Buffer)
+    assert frozen.positions() == []
+    for name in ("robot", "other"):
+        with pytest.raises(errors.ReadOnly, match=r"state\.tfdb is frozen.*another Buffer"):
+            frozen.forget_source(name)
+    for data in (robot.commits_bytes(0), state_of(robot), state_of(robot, NAMES[:1])):
+        with pytest.raises(errors.ReadOnly, match="is frozen"):
+            frozen.apply(data, source="robot")
+    assert frozen.commits_bytes(frozen.commit, frames=NAMES[0]) == b""
+    with pytest.raises(errors.FeedLapped):
+        frozen.commits_bytes(0, frames=NAMES[0])
+    assert state_of(frozen, NAMES[:1]) == state_of(source, NAMES[:1])
+    position = copy.apply(state_of(frozen, NAMES[:1]))
+    assert copy.frames() == sorted([NAMES[0], "map"])
+    for frame in NAMES[:2]:
+        source.set_transform("map", frame, 20, *pose(2))
+    with pytest.raises(errors.OutOfOrder, match="other frames"):
+        copy.apply(source.commits_bytes(position.commit))
+    copy.apply(source.commits_bytes(position.commit, frames=NAMES[:1]))
+    assert copy.samples(NAMES[0])[0].tolist() == [10, 20]
+    assert copy.frames() == sorted([NAMES[0], "map"])
+
+
+@pytest.mark.parametrize(
+    "concurrency", ["giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"]
+)
+def test_other_engines_send_chosen_frames_and_take_nothing(
+    concurrency: tfdb.types.Concurrency,
+) -> None:
+    source, copy = tfdb.Buffer(concurrency=concurrency), tfdb.Buffer()
+    for frame in NAMES[:2]:
+        source.set_transform("map", frame, 10, *pose(1))
+    for data in (state_of(source), state_of(source, NAMES[:1])):
+        with pytest.raises(errors.NotSupported, match=f"in the engine '{concurrency}'"):
+            source.apply(data)
+    with pytest.raises(errors.NotSupported, match=f"in the engine '{concurrency}': only in the"):
+        source.forget_source("robot")
+    assert (source.positions(), source.commit) == ([], 2)
+    position = copy.apply(state_of(source, NAMES[:1]))
+    assert copy.frames() == sorted([NAMES[0], "map"])
+    source.set_transform("map", NAMES[0], 20, *pose(2))
+    if concurrency == "giant":
+        copy.apply(source.commits_bytes(position.commit, frames=NAMES[:1]))
+    else:
+        with pytest.raises(errors.NotSupported, match=f"'{concurrency}' keeps no feed"):
+            source.commits_bytes(position.commit, frames=NAMES[:1])
+        copy.apply(state_of(source, NAMES[:1]))
+    assert copy.samples(NAMES[0])[0].tolist() == [10, 20]
+
+
 def test_damaged_bytes_change_nothing() -> None:
     source = tfdb.Buffer()
     writer = Writer(1)

@@ -997,7 +997,7 @@ class NativeBuffer(Reads):
         """
         Return how far the commits of each source have been applied.
 
-        In the order in which the sources came first.
+        In the order in which the sources came first. A frozen store has none.
         """
 
     @property

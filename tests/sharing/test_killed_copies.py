@@ -119,3 +119,8 @@ def test_a_source_is_forgotten_by_all_processes(name: str) -> None:
         with source.snapshot() as snap:
             one.apply(snap.state_bytes())
         assert [p.commit for p in other.positions()] == [2]
+        with tfdb.Buffer.open(name, mode="r") as reader:
+            for known in ("", "x"):
+                with pytest.raises(tfdb.errors.ReadOnly, match="opened for reading only"):
+                    reader.forget_source(known)
+            assert reader.positions() == one.positions()

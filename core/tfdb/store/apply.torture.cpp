@@ -192,6 +192,7 @@ public:
     }
 
     [[nodiscard]] std::size_t samples() const { return life_.samples.size(); }
+    [[nodiscard]] bool forgets(std::size_t at) const { return life_.samples[at].empty(); }
     unsigned failures = 0;
 
 private:
@@ -277,10 +278,12 @@ double seconds_since(std::chrono::steady_clock::time_point begun) {
 bool torture(unsigned seconds, unsigned seed) {
     const auto begun = std::chrono::steady_clock::now();
     std::uint64_t deaths = 0;
+    std::uint64_t forgetting = 0;
     unsigned rounds = 0;
     for (; rounds == 0 || seconds_since(begun) < seconds; ++rounds) {
         Copy copy(seed + rounds);
         for (std::size_t at = 0; at < copy.samples() && seconds_since(begun) < seconds; ++at) {
+            const std::uint64_t before = deaths;
 #ifdef TFDB_COUNTS_STORES
             for (std::uint64_t stores = 1; copy.die_once(at, stores); ++stores)
                 ++deaths;
@@ -290,10 +293,12 @@ bool torture(unsigned seconds, unsigned seed) {
 #endif
             if (copy.failures != 0)
                 return false;
+            forgetting += copy.forgets(at) ? deaths - before : 0;
         }
     }
-    std::printf("%llu deaths of copies in %u lives, %.1f s\n",
-                static_cast<unsigned long long>(deaths), rounds, seconds_since(begun));
+    std::printf("%llu deaths of copies, %llu that forgot, in %u lives, %.1f s\n",
+                static_cast<unsigned long long>(deaths),
+                static_cast<unsigned long long>(forgetting), rounds, seconds_since(begun));
     return deaths > 0;
 }
 

@@ -69,9 +69,7 @@ public:
     Room& operator=(const Room&) = delete;
 
     void put(std::uint64_t number) { at = store_varint(at, number); }
-    void put(std::span<const std::byte> data) {
-        at = std::copy(data.begin(), data.end(), at);
-    }
+    void put(std::span<const std::byte> data) { at = std::copy(data.begin(), data.end(), at); }
 
     std::byte* at;
 
@@ -286,9 +284,9 @@ public:
         out_.last = out_.since;
         if (!is_state)
             out_.last += read_number("the number of commits", kMaxCommit - out_.since);
-        read_texts(out_.names, "a name", 2);
+        read_texts(out_.names, "the number of names", "the size of a name");
         out_.authorities.emplace_back();
-        read_texts(out_.authorities, "an authority", 2);
+        read_texts(out_.authorities, "the number of authorities", "the size of an authority");
         before_.assign(out_.names.size(), {});
         if (is_state)
             read_state();
@@ -308,6 +306,14 @@ private:
     [[noreturn, gnu::noinline, gnu::cold]] static void refuse(std::size_t at,
                                                               const std::string& why) {
         throw CorruptMessage(at, why);
+    }
+
+    [[noreturn, gnu::noinline, gnu::cold]] static void refuse_number(std::size_t at,
+                                                                     const char* what,
+                                                                     std::uint64_t number,
+                                                                     std::uint64_t most) {
+        refuse(at, std::string(what) + " is " + std::to_string(number) + ", at most " +
+                       std::to_string(most) + " is possible");
     }
 
     void read_head() {
@@ -368,8 +374,7 @@ private:
         const std::size_t start = at_;
         const std::uint64_t number = read_varint(what);
         if (number > most) [[unlikely]]
-            refuse(start, std::string(what) + " is " + std::to_string(number) + ", at most " +
-                              std::to_string(most) + " is possible");
+            refuse_number(start, what, number, most);
         return number;
     }
     /// Bounded by what the bytes could hold, so that a hostile count makes no vector grow.
@@ -386,15 +391,15 @@ private:
         return static_cast<std::uint32_t>(name);
     }
 
-    void read_texts(std::vector<std::string_view>& texts, const char* what,
-                    std::size_t least_bytes) {
-        const std::uint32_t count = read_count(what, least_bytes - 1);
+    void read_texts(std::vector<std::string_view>& texts, const char* number, const char* size) {
+        const std::uint32_t count = read_count(number, 1);
         for (std::uint32_t i = 0; i < count; ++i) {
-            const std::size_t size = read_number(what, end_ - at_);
-            if (size > end_ - at_)
-                refuse(at_, std::string(what) + " ends behind the sample");
-            texts.emplace_back(reinterpret_cast<const char*>(data_.data() + at_), size);
-            at_ += size;
+            const std::size_t start = at_;
+            const std::uint64_t bytes = read_varint(size);
+            if (bytes > end_ - at_)
+                refuse_number(start, size, bytes, end_ - at_);
+            texts.emplace_back(reinterpret_cast<const char*>(data_.data() + at_), bytes);
+            at_ += bytes;
         }
     }
 
@@ -469,8 +474,12 @@ private:
     std::uint32_t read_edge_head(Edge& edge, unsigned bits) {
         edge.is_static = (bits & kStatic) != 0;
         if ((bits & kOtherAuthority) != 0) {
-            authority_ = static_cast<std::uint32_t>(
+            const std::size_t start = at_;
+            const auto other = static_cast<std::uint32_t>(
                 read_number("an authority", out_.authorities.size() - 1));
+            if (other == authority_)
+                refuse(start, "an authority is that of the edge before, as without it");
+            authority_ = other;
         }
         edge.authority = authority_;
         if ((bits & kManyRows) == 0)
@@ -483,10 +492,11 @@ private:
     }
 
     void read_state() {
+        const std::size_t start = at_;
         const std::uint32_t count = read_count("the number of frames", 1);
         if (count > out_.names.size())
-            refuse(at_, std::to_string(count) + " frames have " +
-                            std::to_string(out_.names.size()) + " names");
+            refuse(start, std::to_string(count) + " frames have " +
+                              std::to_string(out_.names.size()) + " names");
         check_state_names(count);
         CommitSample::Commit state;
         state.number = out_.last;
@@ -539,10 +549,9 @@ private:
         const std::size_t start = at_;
         const unsigned bits = read_byte("a sample");
         if ((bits & kOtherParent) != 0)
-            before.parent = read_parent();
+            read_parent(before);
         else if (!before.any)
             refuse(start, "the first sample of an edge has no parent");
-        before.any = true;
         row.parent = before.parent >> 1;
         row.gone = (before.parent & 1) != 0;
         row.stamp = 0;
@@ -558,19 +567,27 @@ private:
         for (std::size_t i = 0; i < row.numbers.size(); ++i) {
             if ((bits & 1U << i) == 0)
                 continue;
-            before.numbers[i] = load_u64(data_.data() + at_);
+            const std::uint64_t number = load_u64(data_.data() + at_);
+            if (number == before.numbers[i])
+                refuse(at_, "a number is that of the sample before, as without it");
+            before.numbers[i] = number;
             at_ += 8;
         }
         row.numbers = before.numbers;
     }
-    std::uint32_t read_parent() {
+    void read_parent(Before& before) {
         const std::size_t start = at_;
         const std::uint64_t parent = read_varint("a parent");
-        const bool is_nameless = out_.kind == Kind::kState && parent == 1;
-        if (!is_nameless && parent >> 1 >= out_.names.size())
+        const bool is_removed = out_.kind == Kind::kState && (parent & 1) != 0;
+        if (is_removed && parent != 1)
+            refuse(start, "a removed parent is " + std::to_string(parent) + ", in a state 1");
+        if (!is_removed && parent >> 1 >= out_.names.size())
             refuse(start, "a parent is name " + std::to_string(parent >> 1) + ", the sample has " +
                               std::to_string(out_.names.size()));
-        return static_cast<std::uint32_t>(parent);
+        if (before.any && parent == before.parent)
+            refuse(start, "a parent is that of the sample before, as without it");
+        before.any = true;
+        before.parent = static_cast<std::uint32_t>(parent);
     }
 
     std::span<const std::byte> data_;

@@ -1,10 +1,12 @@
-// libFuzzer over samples of commits and states: what is decoded leads nowhere outside the sample.
+// libFuzzer over samples of commits and states: what is decoded leads nowhere outside the sample,
+// and is written as the same bytes.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <vector>
 
 #include "tfdb/wire/commit_sample.hpp"
+#include "tfdb/wire/commit_sample.rewritten.hpp"
 #include "tfdb/wire/crc32c.hpp"
 
 // NOLINTBEGIN(readability-identifier-naming): libFuzzer chose these names.
@@ -67,6 +69,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         return 0;
     }
     check(sample, bytes);
+    require(tfdb::wire::testing::rewritten(sample) == bytes, "a sample has one spelling");
     return 0;
 }
 

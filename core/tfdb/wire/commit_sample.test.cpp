@@ -8,6 +8,7 @@
 #include <string>
 
 #include "tfdb/testing/check.hpp"
+#include "tfdb/wire/commit_sample.rewritten.hpp"
 #include "tfdb/wire/crc32c.hpp"
 
 namespace tfdb::wire {
@@ -131,6 +132,18 @@ Bytes sample_of(unsigned kind, std::initializer_list<unsigned> behind) {
     return bytes;
 }
 
+void check_refused(const Bytes& bytes, std::size_t at, const std::string& text) {
+    CommitSample sample;
+    try {
+        sample.decode(bytes);
+        CHECK_EQ(text, "was refused");
+    } catch (const CorruptMessage& error) {
+        CHECK_EQ(error.detail().offset.value_or(0), at);
+        if (error.detail().reason.find(text) == std::string::npos)
+            CHECK_EQ(error.detail().reason, text);
+    }
+}
+
 }  // namespace
 
 TFDB_TEST(crc32c_has_the_values_of_its_standard) {
@@ -201,6 +214,7 @@ TFDB_TEST(commit_samples_with_a_sound_checksum_lead_nowhere_outside) {
             continue;
         }
         ++accepted;
+        CHECK(testing::rewritten(sample) == broken);
         for (const CommitSample::Commit& commit : sample.commits) {
             for (const CommitSample::Edge& edge : sample.edges_of(commit)) {
                 CHECK(edge.child < sample.names.size());
@@ -235,11 +249,109 @@ TFDB_TEST(commit_samples_of_a_state) {
     CHECK(sample.rows_of(edges[0])[1].gone);
 }
 
+TFDB_TEST(commit_samples_with_a_bad_head_name_the_byte) {
+    const Bytes sound = sample_of(1, {0, 0, 0, 0, 0});
+    CommitSample sample;
+    sample.decode(sound);
+    check_refused(Bytes(kHead + 3), kHead + 3, "a sample has at least 40 bytes, this one 39");
+    struct Case {
+        std::size_t at;
+        unsigned byte;
+        std::size_t named;
+        const char* text;
+    };
+    const Case cases[] = {
+        {3, 'C', 0, "begins with the letters TFDB"},
+        {4, 1, 4, "version 1: this program reads version 0"},
+        {5, 0, 5, "kind 0: commits are 1, a state 2"},
+        {5, 3, 5, "kind 3"},
+        {6, 1, 6, "unknown flags"},
+        {7, 1, 6, "unknown flags"},
+        {8, 0, 8, "the epoch is 0"},
+    };
+    for (const Case& one : cases) {
+        Bytes bytes = sound;
+        bytes[one.at] = std::byte(one.byte);
+        seal(bytes);
+        check_refused(bytes, one.named, one.text);
+    }
+    Bytes damaged = sound;
+    damaged.back() ^= std::byte{1};
+    check_refused(damaged, sound.size() - 4, "the checksum is wrong");
+    // The number of an epoch may be 0 if its id is not.
+    Bytes at_zero = sound;
+    at_zero[8] = std::byte{0};
+    at_zero[31] = std::byte{5};
+    seal(at_zero);
+    sample.decode(at_zero);
+    CHECK_EQ(sample.epoch.low, std::uint64_t{5});
+}
+
+TFDB_TEST(commit_samples_with_a_bad_body_name_the_byte) {
+    struct Case {
+        Bytes bytes;
+        std::size_t at;  // behind the head
+        std::string text;
+    };
+    const Case cases[] = {
+        {sample_of(1, {}), 0, "the sample ends where the commit is expected"},
+        {sample_of(1, {0, 0, 0, 0, 0, 9}), 5, "1 bytes follow the sample"},
+        {sample_of(1, {0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 4, 0, 0, 0, 0}), 0,
+         "the commit is 17592186044416, at most 17592186044415"},
+        {sample_of(1, {0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 3, 1, 0, 0, 0}), 7,
+         "the number of commits is 1, at most 0"},
+        {sample_of(1, {0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 1, 0}), 0,
+         "the commit is 18446744073709551615"},
+        {sample_of(1, {0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 2, 0}), 0,
+         "the commit has more than 64 bits"},
+        {sample_of(1, {0, 1, 4, 1, 'a'}), 2, "the number of names is 4, at most 3"},
+        {sample_of(1, {0, 1, 1, 2, 'a'}), 3, "the size of a name is 2, at most 1"},
+        {sample_of(1, {0, 1, 0, 1, 3, 'a', 0}), 4, "the size of an authority is 3, at most 2"},
+        {sample_of(1, {0, 9, 0, 0, 2, 1, 0, 0}), 4, "the number of commits is 2, at most 1"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 0, 0, 0}), 7, "the number of the one before"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 2, 1, 0, 0, 1, 0, 0}), 10, "a commit is 1, at most 0"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 16, 0}), 8, "unknown lists of a commit"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 1, 1, 1, 0}), 10,
+         "a frame is name 1, the sample has 1"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 8, 0x80, 0, 0}), 10,
+         "an edge is name 1, the sample has 1"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 2, 1, 0x80, 0, 0}), 11,
+         "an authority is 1, at most 0"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 5, 0, 0, 0}), 12,
+         "a static edge has one sample, not 0"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 5, 2, 0x80, 0}), 11,
+         "the number of samples is 2, at most 1"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 5, 2, 0x80, 0, 0, 0}), 12,
+         "a static edge has one sample, not 2"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 4, 2, 0x80, 0, 2, 0, 0}), 15,
+         "do not ascend"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 4, 2, 0x80, 0, 2, 0, 1}), 15,
+         "do not ascend"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 0, 0, 0}), 11, "has no parent"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 0, 0x80, 2, 0}), 12,
+         "a parent is name 1, the sample has 1"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 0, 0x81, 0, 0, 1, 2, 3, 4, 5, 6, 7}), 14,
+         "the sample ends amid a pose"},
+        {sample_of(2, {1, 1, 1, 'a', 0, 2, 4, 0, 4, 0}), 5, "2 frames have 1 names"},
+        {sample_of(2, {1, 1, 1, 'a', 0, 1, 32, 0x80, 1, 0}), 6, "unknown properties of a frame"},
+        {sample_of(2, {1, 1, 1, 'a', 0, 1, 128, 0x80, 1, 0}), 6, "unknown properties of a frame"},
+    };
+    for (const Case& one : cases)
+        check_refused(one.bytes, kHead + one.at, one.text);
+}
+
 TFDB_TEST(commit_samples_have_one_spelling) {
     // A state's and a commit's frames "a" and "b", the least that is sound.
     CommitSample sample;
     sample.decode(sample_of(1, {0, 1, 2, 1, 'a', 1, 'b', 0, 1, 1, 0, 0}));
     sample.decode(sample_of(2, {1, 2, 1, 'a', 1, 'b', 0, 2, 4, 0, 4, 0}));
+    // The largest commit and number of late samples; a removed parent.
+    sample.decode(sample_of(1, {0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 3, 0, 0, 0, 0}));
+    sample.decode(
+        sample_of(2, {1, 1, 1, 'a', 0, 1, 20, 0, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x3F}));
+    CHECK_EQ(sample.edges[0].late, (std::uint64_t{1} << 48) - 1);
+    sample.decode(sample_of(2, {1, 2, 1, 'a', 1, 'b', 0, 1, 0, 0x80, 1, 0}));
+    CHECK(sample.rows[0].gone);
     struct Case {
         Bytes bytes;
         std::size_t at;  // behind the head
@@ -251,6 +363,14 @@ TFDB_TEST(commit_samples_have_one_spelling) {
         {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 1, 0, 0}), 9, "a list has no names"},
         {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 4, 1, 0x80, 0, 0}), 11,
          "the number of samples is 1"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 2, 0, 0x80, 0, 0}), 11,
+         "an authority is that of the edge before"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 4, 2, 0x80, 0, 2, 0x80, 0, 2}), 16,
+         "a parent is that of the sample before"},
+        {sample_of(1, {0, 1, 1, 1, 'a', 0, 1, 1, 0, 1, 0, 0x81, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}), 14,
+         "a number is that of the sample before"},
+        {sample_of(2, {1, 2, 1, 'a', 1, 'b', 0, 1, 0, 0x80, 3, 0}), 10,
+         "a removed parent is 3, in a state 1"},
         {sample_of(2, {1, 2, 1, 'b', 1, 'a', 0, 2, 4, 0, 4, 0}), 5, "are not in order"},
         {sample_of(2, {1, 2, 1, 'a', 1, 'a', 0, 2, 4, 0, 4, 0}), 5, "are not in order"},
         {sample_of(2, {1, 2, 1, 'a', 1, 'a', 0, 1, 4, 0}), 5, "a name stands twice"},
@@ -260,20 +380,30 @@ TFDB_TEST(commit_samples_have_one_spelling) {
         {sample_of(2, {1, 1, 1, 'a', 0, 1, 20, 0, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40}), 8,
          "the number of late samples is 281474976710656, at most 281474976710655"},
     };
-    for (const Case& one : cases) {
-        try {
-            sample.decode(one.bytes);
-            CHECK_EQ(one.text, "was refused");
-        } catch (const CorruptMessage& error) {
-            CHECK_EQ(error.detail().offset.value_or(0), kHead + one.at);
-            CHECK(error.detail().reason.find(one.text) != std::string::npos);
-        }
-    }
-    Bytes no_epoch = sample_of(2, {1, 0, 0, 0});
-    sample.decode(no_epoch);
-    no_epoch[8] = std::byte{0};
-    seal(no_epoch);
-    CHECK_THROWS_AS(sample.decode(no_epoch), CorruptMessage);
+    for (const Case& one : cases)
+        check_refused(one.bytes, kHead + one.at, one.text);
+}
+
+TFDB_TEST(commit_samples_are_cut_at_a_mark) {
+    const auto begun = [] {
+        SampleWriter writer;
+        writer.start();
+        const std::uint32_t made[] = {writer.add_name("map")};
+        (void)writer.add_authority("slam");
+        writer.start_commit(1, {.made = made}, 0);
+        return writer;
+    };
+    const auto finished = [](const SampleWriter& writer) {
+        return writer.finish(CommitSample::Kind::kCommits, kEpoch, 0, 7, 9);
+    };
+    SampleWriter writer = begun();
+    const SampleWriter::Mark mark = writer.mark();
+    const std::uint32_t made[] = {writer.add_name("base")};
+    (void)writer.add_authority("odom");
+    writer.start_commit(1, {.made = made}, 0);
+    CHECK(finished(writer) != finished(begun()));
+    writer.cut(mark);
+    CHECK(finished(writer) == finished(begun()));
 }
 
 TFDB_TEST(digests_of_names_depend_on_the_names_alone) {
