@@ -34,6 +34,7 @@ public:
           statics_(new_flags(sample.rows.size())),
           commits_(new_stamps(sample.rows.size())) {
         for (const CommitSample::Commit& commit : sample.commits) {
+            note_resets(commit);
             for (const bool is_static : {false, true}) {
                 for (const CommitSample::Edge& edge : sample.edges_of(commit)) {
                     if (edge.is_static == is_static)
@@ -42,12 +43,23 @@ public:
             }
         }
     }
+    /// (row, frames): they were cleared or removed before that row.
+    [[nodiscard]] const nb::list& resets() const { return resets_; }
     [[nodiscard]] nb::tuple columns() const {
         return nb::make_tuple(parents_, children_, stamps_.array, poses_.array, statics_.array,
                               commits_.array, authorities_);
     }
 
 private:
+    void note_resets(const CommitSample::Commit& commit) {
+        nb::list frames;
+        for (const auto& range : {commit.cleared, commit.removed}) {
+            for (const std::uint32_t place : sample_.names_of(range))
+                frames.append(names_[place]);
+        }
+        if (nb::len(frames) != 0)
+            resets_.append(nb::make_tuple(row_, frames));
+    }
     void add(const CommitSample::Edge& edge, CommitNumber commit) {
         for (const CommitSample::Row& row : sample_.rows_of(edge)) {
             parents_.append(names_[row.parent]);
@@ -71,6 +83,7 @@ private:
     nb::list parents_;
     nb::list children_;
     nb::list authorities_;
+    nb::list resets_;
     std::size_t row_ = 0;
 };
 
@@ -81,7 +94,8 @@ nb::tuple rows_of_commits(nb::handle data) {
         const LongWork work(true);
         sample.decode(bytes.bytes());
     }
-    return nb::make_tuple(sample.last, RowTable(sample).columns());
+    const RowTable table(sample);
+    return nb::make_tuple(sample.last, table.columns(), table.resets());
 }
 
 /// Of a row: the object at `row` of one of its lists.
@@ -135,10 +149,10 @@ void bind_sample_rows(nb::module_& module) {
                nb::sig("def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], "
                        "numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], "
                        "numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int64], "
-                       "list[str]]]"),
+                       "list[str]], list[tuple[int, list[str]]]]"),
                "Read the samples in bytes of `commits_bytes` or `state_bytes`.\n\n"
-               "Returns the last commit, and parents, children, stamps, poses, which rows are "
-               "static, commits and authorities.");
+               "Returns the last commit; parents, children, stamps, poses, which rows are static, "
+               "commits and authorities; and frames that were cleared or removed before a row.");
     module.def("samples_of_rows", &samples_of_rows, nb::arg("parents"), nb::arg("children"),
                nb::arg("stamps"), nb::arg("poses"), nb::arg("statics"), nb::arg("commits"),
                nb::arg("authorities"),

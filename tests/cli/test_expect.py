@@ -17,9 +17,10 @@ import tfdb
 from tfdb.cli.graph import Live
 from tfdb.cli.watch import watch_events
 from tfdb.judging import Expectation
-from tfdb.judging.follower import judge_changes
+from tfdb.judging.follower import judge_stretches
 from tfdb.judging.judge import Judge
 from tfdb.judging.proposing import judge_recording, recorded_arrivals
+from tfdb.streams.rows import stretches_of_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -184,7 +185,8 @@ def test_a_recording_that_is_played_gives_the_same_events(bag: Path) -> None:
         for source, received, data in recording.messages():
             since = store.commit
             store.ingest(data, encoding=source.encoding, static=source.topic == "/tf_static")
-            found += judge_changes(judge, store.changes(since), received)
+            if data := store.commits_bytes(since):
+                found += judge_stretches(judge, stretches_of_bytes(data)[1], received)
     assert sorted(map(facts, found)) == sorted(map(facts, wanted))
 
 

@@ -321,12 +321,12 @@ def test_a_follower_waits_again_after_it_was_lapped() -> None:
     follower = Follower(Live(store))
     for stamp in range(20_000):
         store.set_transform("map", "base", stamp, (1, 2, 3), TURN)
-    assert follower.changes(0.0) == []
+    assert follower.read(0.0) == []
     assert follower.missed == 20_000
-    assert follower.changes(0.0) == []
+    assert follower.read(0.0) == []
     store.set_transform("map", "base", 20_000, (1, 2, 3), TURN)
-    (change,) = follower.changes(0.0)
-    assert change.commit == 20_001
+    (found,) = follower.read(0.0)
+    assert found.rows.commits.tolist() == [20_001]
 
 
 def test_findings_of_a_store(tool: Tool, name: str) -> None:

@@ -26,6 +26,7 @@ from tfdb.cli.echo import Printer, Question, echo
 from tfdb.cli.graph import Live
 from tfdb.cli.monitor import Watch
 from tfdb.cli.times import LATEST
+from tfdb.streams.rows import stretches_of_changes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -269,7 +270,7 @@ def test_monitor_shows_a_long_delay_beside_a_timely_frame() -> None:
     now = 10**6 * S
     for child, ago in (("fast", S), ("slow", 100 * S), ("replayed", AGO)):
         store.set_transform("map", child, now - ago, (1, 2, 3), TURN)
-    watch.take(store.changes(0), now)
+    watch.take(stretches_of_changes(store.changes(0)), now)
     found = {name: delays for name, _, delays in watch.rates.of_frames()}
     assert (found["fast"].mean, found["slow"].mean) == (S, 100 * S)
     assert (found["replayed"].mean, found["replayed"].nearest) == (None, AGO)
@@ -376,7 +377,7 @@ def test_monitor_begins_anew_where_time_jumps_back() -> None:
             store.clear()
         since = store.commit - (stamp == 5)
         store.set_transform("map", "base", stamp * S, (1, 2, 3), TURN)
-        watch.take(store.changes(since), stamp * S + 10)
+        watch.take(stretches_of_changes(store.changes(since)), stamp * S + 10)
     ((_, _, delays),) = watch.rates.of_frames()
     assert (delays.count, delays.gap, delays.longest) == (4, 2 * S, 10)
 

@@ -10,6 +10,7 @@ import pytest
 
 import tfdb
 from tfdb import errors
+from tfdb.streams.rows import stretches_of_bytes, stretches_of_changes
 
 if TYPE_CHECKING:
     from tfdb.types import Sample
@@ -434,3 +435,24 @@ def test_bad_arguments_are_refused() -> None:
         stream.batches(max_rows=0)
     stream.close()
     assert buf.memory().used_bytes > 0
+
+
+def test_stretches_of_bytes_are_those_of_changes() -> None:
+    """Bytes of commits and records of changes tell the same samples, and the same clears."""
+    buf = mixed_buffer()
+    store(buf, ["a", "b"], 60)
+    with buf.snapshot() as held:
+        buf.remove_frames(["b"])
+        store(buf, ["a"], 70)
+        buf.clear()
+        store(buf, ["a", "b"], 80)
+        last, found = stretches_of_bytes(buf.commits_bytes(held.commit))
+        told = stretches_of_changes(buf.changes(held.commit))
+    assert last == buf.commit
+    assert [stretch.cleared for stretch in found if stretch.cleared] == [
+        stretch.cleared for stretch in told if stretch.cleared
+    ]
+    assert [row for stretch in found for row in flat(stretch.rows.samples())] == [
+        row for stretch in told for row in flat(stretch.rows.samples())
+    ]
+    assert [len(stretch.rows) for stretch in found] == [0, 1, 2]

@@ -15,7 +15,7 @@ from tfdb.data.time_text import format_duration
 from tfdb.judging.arrivals import Arrivals
 from tfdb.judging.events import BROKEN, CLOCKS
 from tfdb.judging.expectations import Expectations
-from tfdb.judging.follower import Follower, held_rows, judge_state, stretches
+from tfdb.judging.follower import Follower, held_rows, judge_state, numbered
 from tfdb.judging.judge import Judge
 from tfdb.judging.proposing import fixed_rows, rows_of, span_of
 from tfdb.judging.rates import Delays, Frame, Rates
@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from tfdb._core import Reads
-    from tfdb.data.types import Changes
     from tfdb.judging.events import Event
     from tfdb.judging.judge import Rows
     from tfdb.recordings.arrivals import RecordedArrivals
+    from tfdb.streams.rows import Stretch
 
 _KEPT = 10 * NS
 
@@ -161,13 +161,13 @@ class Watch:
         """How deep each frame is in the tree, in its order."""
         return {row.info.name: row.depth for row in Forest(self._store.tree()).rows()}
 
-    def take(self, changes: Sequence[Changes], arrival: int) -> None:
+    def take(self, stretches: Sequence[Stretch], arrival: int) -> None:
         """Count and judge the samples of commits."""
-        if changes:
-            for cleared, rows in stretches(self.judge, changes, arrival):
+        if stretches:
+            for cleared, rows in stretches:
                 self.judge.forget(cleared)
                 self.rates.forget(cleared)
-                self.take_rows(rows)
+                self.take_rows(numbered(self.judge, rows, arrival))
             self.look_at_chain(self._store, arrival)
         if self.judges:
             self.judge.advance(arrival)
@@ -212,7 +212,7 @@ def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Scr
     while True:
         until = shown if ends is None else min(shown, ends)
         missed = follower.missed
-        watch.take(follower.changes(until), live.now())
+        watch.take(follower.read(until), live.now())
         if follower.missed > missed and watch.judges:
             judge_state(watch.judge, live.store, live.now())
         if time.monotonic() >= until:

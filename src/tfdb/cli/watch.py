@@ -123,7 +123,7 @@ class Diagnostics:
 
 def watch_events(live: Live, expected: Expectations, length: int | None) -> Iterator[list[Event]]:
     """Follow the commits, and yield the events of each look at them."""
-    from tfdb.judging.follower import Follower, judge_changes, judge_state  # noqa: PLC0415 - numpy
+    from tfdb.judging.follower import Follower, judge_state, judge_stretches  # noqa: PLC0415 - numpy
     from tfdb.judging.judge import Judge  # noqa: PLC0415
 
     ends = math.inf if length is None else time.monotonic() + length / NS
@@ -136,9 +136,9 @@ def watch_events(live: Live, expected: Expectations, length: int | None) -> Iter
         yield judge_state(judge, state, live.now())
     missed = 0
     while time.monotonic() < ends:
-        changes = follower.changes(min(time.monotonic() + _LONGEST, ends))
+        stretches = follower.read(min(time.monotonic() + _LONGEST, ends))
         now = live.now()
-        events = judge_changes(judge, changes, now)
+        events = judge_stretches(judge, stretches, now)
         if follower.missed > missed:
             text = f"{counted(follower.missed - missed, 'commit')} were missed"
             output.say(f"tfdb: warning: {text}: they come faster than they are read", err=True)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from tfdb.data import errors
+from tfdb.streams.rows import stretches_of_bytes, stretches_of_changes
 
 from .arrivals import Arrivals
 from .doctor import Log
@@ -16,15 +17,16 @@ from .expectations import Expectations
 from .judge import Judge, Rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    import numpy.typing as npt
+    from collections.abc import Callable, Sequence
 
     from tfdb._core import Buffer, Reads
-    from tfdb.data.types import Changes
+    from tfdb.streams.rows import Rows as StreamRows
+    from tfdb.streams.rows import Stretch
 
     from .events import Event
 
+_MOST = 1 << 16  # commits that are read at once
+_MOST_BYTES = 1 << 24
 _BETWEEN = 0.1
 """Seconds between two steps of a progress bar."""
 _REST = 8
@@ -45,59 +47,25 @@ def stored_arrivals(state: Reads) -> Arrivals:
     return Arrivals(log, known)
 
 
-def judge_changes(judge: Judge, changes: Sequence[Changes], arrival: int) -> list[Event]:
+def judge_stretches(judge: Judge, stretches: Sequence[Stretch], arrival: int) -> list[Event]:
     """Judge commits that were read at one time."""
     events: list[Event] = []
-    for cleared, rows in stretches(judge, changes, arrival):
-        judge.forget(cleared)
-        events += judge.feed(rows)
+    for cleared, rows in stretches:
+        judge.forget(cleared)  # the stamps of such a frame may begin anew
+        events += judge.feed(numbered(judge, rows, arrival))
     return events
 
 
-def stretches(
-    judge: Judge, changes: Sequence[Changes], arrival: int
-) -> Iterator[tuple[set[str], Rows]]:
-    """Yield the samples of commits, with the frames that were cleared before them.
-
-    The stamps of such a frame may begin anew.
-    """
-    begun, cleared = 0, set[str]()
-    for place, change in enumerate(changes):
-        if change.cleared or change.removed:
-            yield cleared, rows_of_changes(judge, changes[begun:place], arrival)
-            begun, cleared = place, {*change.cleared, *change.removed}
-    yield cleared, rows_of_changes(judge, changes[begun:], arrival)
-
-
-def rows_of_changes(judge: Judge, changes: Sequence[Changes], arrival: int) -> Rows:
-    """Return the samples of commits."""
-    parents: list[str] = []
-    children: list[str] = []
-    authorities: list[str] = []
-    parts, static, commits = [], [], []
-    for change in changes:
-        authorities += change.authorities
-        for columns in (change.stored, change.stored_static):
-            if count := len(columns.poses):
-                parents += columns.parents
-                children += columns.children
-                parts.append(columns)
-                static.append(columns.stamps is None)
-                commits.append((change.commit, count))
-    counts = [count for _, count in commits]
-    empty = np.zeros(0, dtype=np.int64)
-    stamps = [
-        np.zeros(len(each), dtype=np.int64) if each.stamps is None else each.stamps
-        for each in parts
-    ]
+def numbered(judge: Judge, rows: StreamRows, arrival: int) -> Rows:
+    """Number the edges and authorities of samples."""
     return Rows(
-        np.full(len(parents), arrival),
-        judge.number_edges(parents, children),
-        judge.number_authorities(authorities),
-        np.concatenate([empty, *cast("list[npt.NDArray[np.int64]]", stamps)]),
-        np.concatenate([np.zeros((0, 7)), *(each.poses for each in parts)]),
-        np.repeat(np.array(static, dtype=bool), counts),
-        np.repeat(np.array([commit for commit, _ in commits], dtype=np.int64), counts),
+        np.full(len(rows), arrival),
+        judge.number_edges(rows.parents, rows.children),
+        judge.number_authorities(rows.authorities),
+        rows.stamps,
+        rows.poses,
+        rows.statics,
+        rows.commits,
     )
 
 
@@ -154,8 +122,8 @@ class Follower:
         self.missed: int = 0
         """How many commits went by unseen."""
 
-    def changes(self, until: float) -> list[Changes]:
-        """Commits since the last call; waits for one until a monotonic time."""
+    def read(self, until: float) -> list[Stretch]:
+        """Return commits since the last call; wait for one until a monotonic time."""
         live, now = self._live, time.monotonic()
         rest = min(_REST * (now - self._busy_since), _LONGEST_REST)
         self._busy_since = math.inf
@@ -164,14 +132,19 @@ class Follower:
         if not live.wait(until):
             return []
         self._busy_since = time.monotonic()
+        store = live.store
         try:
-            found = live.store.changes(self._told)
+            data = store.commits_bytes(self._told, max_commits=_MOST, max_bytes=_MOST_BYTES)
+            last, found = stretches_of_bytes(data)
         except errors.FeedLapped:
-            newest = live.store.commit
+            newest = store.commit
             self.missed += newest - self._told
             self._told = live.commit = newest
             return []
-        self._told = live.commit = max(live.commit, found[-1].commit)
+        except errors.Gone:  # samples that were evicted before they were read are left out
+            records = store.changes(self._told)
+            last, found = records[-1].commit, stretches_of_changes(records)
+        self._told = live.commit = max(live.commit, last)
         return found
 
 
@@ -188,8 +161,8 @@ def watch_arrivals(
     while (passed := time.monotonic() - began) < seconds:
         if progress is not None:
             progress(int(passed * 1000), int(seconds * 1000))
-        changes = follower.changes(began + min(passed + _BETWEEN, seconds))
-        parts.append(rows_of_changes(judge, changes, live.now()))
+        found = follower.read(began + min(passed + _BETWEEN, seconds))
+        parts += [numbered(judge, rows, live.now()) for _, rows in found]
     rows = Rows.joined(parts)
     known = any(judge.authority_names[each] for each in np.unique(rows.authorities).tolist())
     return Arrivals(Log.of_rows(rows, judge), known, missed=follower.missed)

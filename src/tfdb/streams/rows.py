@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from itertools import chain, compress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -85,8 +85,36 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 def of_bytes(data: bytes) -> tuple[int, Rows]:
     """Read bytes of `commits_bytes` or `state_bytes`: their last commit, and the rows."""
-    last, columns = rows_of_commits(data)
+    last, columns, _ = rows_of_commits(data)
     return last, Rows(*columns)
+
+
+class Stretch(NamedTuple):
+    """Samples of commits, and the frames that were cleared or removed before them."""
+
+    cleared: frozenset[str]
+    rows: Rows
+
+
+def stretches_of_bytes(data: bytes) -> tuple[int, list[Stretch]]:
+    """Read bytes of `commits_bytes`: their last commit, and the samples between two clears."""
+    last, columns, resets = rows_of_commits(data)
+    rows = Rows(*columns)
+    found = []
+    begun, cleared = 0, frozenset[str]()
+    for row, frames in resets:
+        found.append(Stretch(cleared, rows.part(begun, row)))
+        begun, cleared = row, frozenset(frames)
+    found.append(Stretch(cleared, rows.part(begun, len(rows))))
+    return last, found
+
+
+def stretches_of_changes(records: Iterable[Changes]) -> list[Stretch]:
+    """Return what remains of the samples of these commits, each with the frames it cleared."""
+    return [
+        Stretch(frozenset({*record.cleared, *record.removed}), of_changes([record]))
+        for record in records
+    ]
 
 
 def of_changes(records: Iterable[Changes]) -> Rows:
