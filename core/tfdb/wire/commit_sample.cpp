@@ -492,11 +492,11 @@ private:
     }
 
     void read_state() {
-        const std::size_t start = at_;
+        const std::size_t count_at = at_;
         const std::uint32_t count = read_count("the number of frames", 1);
         if (count > out_.names.size())
-            refuse(start, std::to_string(count) + " frames have " +
-                              std::to_string(out_.names.size()) + " names");
+            refuse(count_at, std::to_string(count) + " frames have " +
+                                 std::to_string(out_.names.size()) + " names");
         check_state_names(count);
         CommitSample::Commit state;
         state.number = out_.last;
