@@ -276,7 +276,9 @@ std::vector<std::string> answers(const Reads& reads, const Watched& watched, Sta
                    std::to_string(info.oldest) + "," + std::to_string(info.newest);
         });
     }
-    for (const auto& [target, source] : watched.pairs) {
+    for (const auto& pair : watched.pairs) {
+        const std::string& target = pair.first;
+        const std::string& source = pair.second;
         all.emplace_back();
         add([&] { return text_of(reads.lookup_latest_transform(target, source)); });
         add([&] { return text_of(reads.lookup_transform(target, source)); });
