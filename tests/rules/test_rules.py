@@ -444,10 +444,11 @@ def test_firings_are_those_that_the_commits_demand(seed: int) -> None:
 
     def write(number: int) -> None:
         random = np.random.default_rng((seed, number))
-        for _ in range(300):
+        for step in range(300):
             choice = random.random()
             if choice < 0.7:
-                put(buf, float(random.integers(0, 20)), int(random.integers(1, 1000)))
+                stamp = 10 * step + int(random.integers(1, 100))
+                put(buf, float(random.integers(0, 20)), stamp)
             elif choice < 0.8:
                 put(buf, 1.0, child="other")
             elif choice < 0.97:
@@ -484,6 +485,7 @@ def test_firings_are_those_that_the_commits_demand(seed: int) -> None:
         was, before = truth, now
     held.close()
     assert buf.rules.stats.unseen == buf.rules.stats.exceptions == 0
+    assert len(expected["rises"]) > 10
     assert fired["rises"] == expected["rises"]
     assert fired["falls"] == expected["falls"]
     # `always` fires for each commit that touched the path, also where the answer is the same.
@@ -514,6 +516,20 @@ def test_a_lapped_dispatcher_evaluates_the_newest_state() -> None:
     unseen = lapped[0][1]
     assert buf.rules.stats.unseen == unseen
     assert len(told) + unseen == buf.commit
+
+
+def test_a_rule_of_a_frame_keeps_up_with_a_burst_of_commits() -> None:
+    buf = tfdb.Buffer(history=1.0)
+    fired: list[tuple[int, int]] = []
+    judged: list[int] = []
+    buf.add_rule(lambda e: fired.append((e.commit, e.unseen)), "base", max_pending=1_000_000)
+    buf.add_rule(lambda _: None, "base", lambda changes: judged.append(changes.commit))
+    for place in range(40_000):
+        put(buf, float(place))
+    assert buf.rules.drain(60)
+    assert [commit for commit, _ in fired] == sorted({commit for commit, _ in fired})
+    assert len(fired) + sum(unseen for _, unseen in fired) == buf.commit
+    assert judged == [commit for commit, unseen in fired if not unseen]
 
 
 def test_bad_rules_are_refused() -> None:

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from tfdb.data.errors import (
     BufferClosed,
@@ -16,6 +16,7 @@ from tfdb.data.errors import (
     SnapshotTooOld,
     WatchClosed,
 )
+from tfdb.data.types import Changes, Columns
 from tfdb.store.waiting import NO_ANSWER_YET
 
 from .event import Event
@@ -26,8 +27,11 @@ from .stats import RuleStats
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy as np
+    import numpy.typing as npt
+
     from tfdb._core import Buffer, Snapshot, Transform, Watch
-    from tfdb.data.types import Changes, Touched
+    from tfdb.data.types import Touched
 
     from .rule import Rule, Subject
 
@@ -186,6 +190,7 @@ class Dispatcher:
             for record in touched:
                 with self._held.at(record.commit) as state:
                     self._evaluate(record, state)
+                self._position = record.commit
         except (FeedLapped, SnapshotTooOld):
             self._evaluate_newest(taken)
             return True
@@ -240,7 +245,8 @@ class Dispatcher:
             self._go_back(joining)
             watch = self._watch
         for rule, start in joining:
-            with start:
+            # A condition of which the state is lost was not True.
+            with start, suppress(SnapshotTooOld):
                 for subject in rule.on:
                     if isinstance(subject, tuple):
                         self._judge(rule, subject, start, (), None, first=True)
@@ -269,23 +275,29 @@ class Dispatcher:
             for rule in self._by_subject.get(subject, ())
             if record.commit > rule._seen
         ]
+        changes: Changes | None = None
         for _, rule, subject in sorted(due, key=lambda each: each[0]):
             if isinstance(subject, tuple):
                 self._judge(rule, subject, state, chain, None)
                 continue
-            frames = None if subject == EVERY else subject
-            for changes in self._buffer.changes(record.commit - 1, 1, frames=frames):
-                self._judge(rule, subject, state, chain, changes)
+            if changes is None:
+                (changes,) = self._buffer.changes(record.commit - 1, 1)
+            its = changes if subject == EVERY else _of_frame(changes, subject)
+            if its is not None:
+                self._judge(rule, subject, state, chain, its)
 
     def _evaluate_newest(self, newest: Snapshot) -> None:
-        """Evaluate each pair on the newest state: those before are lost."""
+        """Evaluate all rules on the newest state: those before are lost.
+
+        A condition of frames needs the commits. A rule of frames without a condition fires.
+        """
         unseen = newest.commit - self._position - 1
         for rule in tuple(self.rules):
             with self.pool.lock:
                 for stats in (rule.stats, self.total):
                     stats.unseen += unseen
             for subject in rule.on:
-                if isinstance(subject, tuple) and newest.commit > rule._seen:
+                if newest.commit > rule._seen and (isinstance(subject, tuple) or not rule._when):
                     self._judge(rule, subject, newest, (), None, unseen=unseen)
         self._move(newest.commit, newest)
 
@@ -305,9 +317,10 @@ class Dispatcher:
         if isinstance(subject, tuple):
             with suppress(*NO_ANSWER_YET):
                 answer = state.lookup_transform(*subject, rule._at, rule._policy)
-        value = changes if answer is None else answer
+        value = answer if isinstance(subject, tuple) else changes
+        missing = isinstance(subject, tuple) and answer is None
         try:
-            truth = value is not None and (rule._when is None or bool(rule._when(value)))
+            truth = not missing and (rule._when is None or bool(rule._when(value)))
         except BaseException as error:  # an exit or Ctrl-C is not this thread's to obey
             self.report(rule, None, error)
             return
@@ -334,6 +347,44 @@ class Dispatcher:
                 stats.dropped += 1
         text = f"rule {rule.name!r} is not run: more than {rule._max_depth} rules led to it: "
         self.report(rule, event, RuleCycle(text + " -> ".join(chain), commit=state.commit))
+
+
+def _of_frame(changes: Changes, frame: str) -> Changes | None:
+    """Return the changes of one frame; None: the commit did nothing to it."""
+    count = len(changes.stored)
+    moving = [row for row, child in enumerate(changes.stored.children) if child == frame]
+    static = [row for row, child in enumerate(changes.stored_static.children) if child == frame]
+    names = [
+        tuple(name for name in each if name == frame)
+        for each in (
+            changes.made,
+            changes.moved,
+            changes.cleared,
+            changes.removed,
+            changes.passing,
+        )  # fmt: skip
+    ]
+    gone = {name: lost for name, lost in changes.gone.items() if name == frame}
+    if not (moving or static or gone or any(names)):
+        return None
+    return Changes(
+        changes.commit,
+        _rows_of(changes.stored, moving),
+        _rows_of(changes.stored_static, static),
+        tuple(changes.authorities[row] for row in (*moving, *(count + row for row in static))),
+        *names,
+        gone,
+    )
+
+
+def _rows_of(columns: Columns, rows: list[int]) -> Columns:
+    stamps = cast("npt.NDArray[np.int64] | None", columns.stamps)
+    return Columns(
+        [columns.parents[row] for row in rows],
+        [columns.children[row] for row in rows],
+        None if stamps is None else stamps[rows],
+        columns.poses[rows],
+    )
 
 
 def _watched(rules: list[Rule]) -> tuple[list[str], list[tuple[str, str]], bool]:

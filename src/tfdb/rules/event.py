@@ -31,7 +31,7 @@ class Event:
     before: Transform | None
     """The answer at the evaluation before."""
     changes: Changes | None
-    """For a frame or `"*"`: what the commit did to it. None for a pair."""
+    """What the commit did to a frame, or for `"*"`; None for a pair, or if commits are unseen."""
     snapshot: Snapshot
     """The state of the commit, until the action returns."""
     scheduled: int
