@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -455,10 +456,8 @@ def test_firings_are_those_that_the_commits_demand(seed: int) -> None:
                 parent = "base" if random.random() < 0.5 else "other"
                 buf.set_static_transform(parent, "tool", (float(random.integers(0, 9)), 0, 0))
             else:
-                try:
+                with suppress(errors.TfdbError):
                     buf.remove_frames(["tool"])
-                except errors.TfdbError:
-                    continue
 
     writers = [threading.Thread(target=write, args=(number,)) for number in (1, 2)]
     for writer in writers:

@@ -354,25 +354,23 @@ def _of_frame(changes: Changes, frame: str) -> Changes | None:
     count = len(changes.stored)
     moving = [row for row, child in enumerate(changes.stored.children) if child == frame]
     static = [row for row, child in enumerate(changes.stored_static.children) if child == frame]
-    names = [
-        tuple(name for name in each if name == frame)
-        for each in (
-            changes.made,
-            changes.moved,
-            changes.cleared,
-            changes.removed,
-            changes.passing,
-        )  # fmt: skip
-    ]
+    lists = (changes.made, changes.moved, changes.cleared, changes.removed, changes.passing)
+    made, moved, cleared, removed, passing = (
+        tuple(name for name in names if name == frame) for names in lists
+    )
     gone = {name: lost for name, lost in changes.gone.items() if name == frame}
-    if not (moving or static or gone or any(names)):
+    if not (moving or static or gone or made or moved or cleared or removed or passing):
         return None
     return Changes(
         changes.commit,
         _rows_of(changes.stored, moving),
         _rows_of(changes.stored_static, static),
         tuple(changes.authorities[row] for row in (*moving, *(count + row for row in static))),
-        *names,
+        made,
+        moved,
+        cleared,
+        removed,
+        passing,
         gone,
     )
 
