@@ -594,16 +594,20 @@ def test_an_action_that_never_ends_holds_up_its_own_rule_only() -> None:
     assert buf.rules.drain(60)
 
 
-def test_a_child_of_fork_has_no_rules() -> None:
+def test_a_child_of_fork_has_no_rules_but_may_add_its_own() -> None:
     buf = tfdb.Buffer()
     rule = buf.add_rule(lambda _: None, ("map", "base"))
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        os.write(writing, b"%d %d" % (rule.removed, len(buf.rules)))
+        found = rule.removed, len(buf.rules)
+        fired: list[int] = []
+        buf.add_rule(lambda e: fired.append(e.commit), "base")
+        put(buf, 1.0)
+        os.write(writing, f"{found} {buf.rules.drain(30)} {fired}".encode())
         os._exit(0)
     os.waitpid(child, 0)
-    assert os.read(reading, 10) == b"1 0"
+    assert os.read(reading, 100) == b"(True, 0) True [1]"
     os.close(reading)
     os.close(writing)
     assert not rule.removed
@@ -629,3 +633,166 @@ def test_figures_are_logged(caplog: pytest.LogCaptureFixture) -> None:
             put(buf, 1.0)
     assert "rule 'quiet'" in caplog.text
     buf.close()
+
+
+@pytest.mark.parametrize(
+    ("option", "error"),
+    [
+        ({"at": "x"}, errors.InvalidStamp),
+        ({"at": -5}, errors.InvalidStamp),
+        ({"policy": 5}, TypeError),
+    ],
+)
+def test_a_wrong_stamp_or_policy_is_refused_and_other_rules_go_on(
+    option: Any, error: type[Exception]
+) -> None:
+    buf = tfdb.Buffer()
+    fired: list[int] = []
+    buf.add_rule(lambda e: fired.append(e.commit), ("map", "base"))
+    with pytest.raises(error):
+        buf.add_rule(print, ("map", "base"), **option)
+    put(buf, 1.0)
+    assert buf.rules.drain()
+    assert fired == [1]
+    with pytest.raises(errors.InvalidArgument, match="of pairs"):
+        buf.add_rule(print, "base", initial=True)
+
+
+def test_drain_is_refused_in_functions_of_rules() -> None:
+    buf = tfdb.Buffer()
+    refused: list[str] = []
+
+    def drain(what: object) -> bool:
+        with pytest.raises(errors.InvalidArgument, match="wait for that function"):
+            buf.rules.drain()
+        refused.append(type(what).__name__)
+        return True
+
+    buf.add_rule(drain, "base", drain)
+    put(buf, 1.0)
+    assert buf.rules.drain()
+    assert refused == ["Changes", "Event"]
+
+
+def test_more_threads_run_events_that_wait() -> None:
+    buf = tfdb.Buffer()
+    buf.rules.threads = 1
+    begun, end = threading.Event(), threading.Event()
+
+    def block(_: Event) -> None:
+        begun.set()
+        assert end.wait(60)
+
+    ran = threading.Event()
+    buf.add_rule(block, "base")
+    buf.add_rule(lambda _: ran.set(), "camera")
+    put(buf, 1.0)
+    assert begun.wait(60)
+    put(buf, 1.0, child="camera")
+    buf.rules.drain(0)
+    while buf.rules.stats.scheduled < 2:
+        buf.wait_for_commit(0)
+    buf.rules.threads = 2
+    assert ran.wait(60)
+    end.set()
+    assert buf.rules.drain()
+
+
+def test_an_idle_thread_does_not_take_the_place_of_two() -> None:
+    buf = tfdb.Buffer()
+    both = threading.Barrier(2)
+    buf.add_rule(lambda _: None, "warm")
+    put(buf, 1.0, child="warm")
+    assert buf.rules.drain()  # one thread is idle now
+    buf.add_rule(lambda _: both.wait(60), "base")
+    buf.add_rule(lambda _: both.wait(60), "base")
+    put(buf, 1.0)
+    assert buf.rules.drain()
+    assert buf.rules.stats.exceptions == 0
+
+
+def test_drain_and_a_series_do_not_wait_for_an_event_of_a_removed_rule() -> None:
+    buf = tfdb.Buffer()
+    fired: list[int] = []
+    late = buf.add_rule(print, "base", debounce=1e6, serial="s")
+    buf.add_rule(lambda e: fired.append(e.commit), "base", serial="s")
+    put(buf, 1.0)
+    while buf.rules.stats.scheduled < 2:
+        buf.wait_for_commit(0)
+    late.remove()
+    assert buf.rules.drain(60)
+    assert fired == [1]
+
+
+def test_a_second_parameter_with_a_default_gets_no_transaction() -> None:
+    buf = tfdb.Buffer()
+    seen: list[object] = []
+    buf.add_rule(lambda event, kept=seen: kept.append(event.commit), "base")
+    put(buf, 1.0)
+    assert buf.rules.drain()
+    assert seen == [1]
+
+
+async def _later(_: Event) -> None:
+    raise AssertionError
+
+
+def _generates(_: Event) -> Any:
+    yield 1
+
+
+@pytest.mark.parametrize("action", [_later, _generates])
+def test_an_action_that_would_only_begin_its_work_is_refused(action: Any) -> None:
+    with pytest.raises(TypeError, match="before it returns"):
+        tfdb.Buffer().add_rule(action, "base")
+
+
+def test_a_very_small_rate_and_wrong_settings() -> None:
+    buf = tfdb.Buffer()
+    rule = buf.add_rule(print, "base", max_rate=1e-300)
+    for x in (1.0, 2.0):
+        put(buf, x)
+    while rule.stats.invoked < 1 or rule.stats.scheduled < 2:
+        buf.wait_for_commit(0)
+    rule.remove()
+    fired: list[int] = []
+    buf.add_rule(lambda e: fired.append(e.commit), "base")
+    put(buf, 3.0)
+    assert buf.rules.drain(60)
+    assert fired == [3]
+    with pytest.raises(errors.InvalidArgument, match="retries must be 0 or more, got -1"):
+        buf.add_rule(print, "base", retries=-1)
+    with pytest.raises(errors.InvalidArgument, match="above 0, or None"):
+        buf.rules.stats_log_interval = 0
+    with pytest.raises(TypeError, match="on_error must be callable"):
+        buf.rules.on_error = 5  # type: ignore[assignment]
+
+
+def test_rules_go_on_though_no_held_state_can_be_read() -> None:
+    buf = tfdb.Buffer(history=1e-6, snapshot_memory=0)
+    writing = threading.Event()
+    writing.set()
+
+    def write() -> None:
+        stamp = 0
+        while writing.is_set():
+            stamp += 1000
+            buf.set_transforms(
+                [
+                    tfdb.TransformStamped("map", child, stamp, (0, 0, 0), (0, 0, 0, 1))
+                    for child in ("base", *"abcdefgh")
+                ]
+            )
+
+    fired: list[int] = []
+    rule = buf.add_rule(lambda e: fired.append(e.commit), ("map", "base"), fires="always")
+    writer = threading.Thread(target=write)
+    writer.start()
+    while rule.stats.unseen < 10_000:
+        buf.wait_for_commit(buf.commit, 10)
+    writing.clear()
+    writer.join()
+    last = put(buf, 1.0, stamp=10**18)
+    assert buf.rules.drain(60)
+    assert not rule.removed
+    assert fired[-1] == last

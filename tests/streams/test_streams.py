@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -456,3 +456,43 @@ def test_stretches_of_bytes_are_those_of_changes() -> None:
         row for stretch in told for row in flat(stretch.rows.samples())
     ]
     assert [len(stretch.rows) for stretch in found] == [0, 1, 2]
+
+
+def test_close_ends_a_read_that_waits_with_an_error() -> None:
+    buf = tfdb.Buffer()
+    for stream in (buf.follow(), buf.follow(pair=("map", "base"))):
+        caught: list[type[BaseException]] = []
+
+        def read(stream: Any = stream, caught: list[type[BaseException]] = caught) -> None:
+            try:
+                stream.read_next(timeout=None)
+            except errors.StreamClosed as error:
+                caught.append(type(error))
+
+        thread = threading.Thread(target=read)
+        thread.start()
+        while not stream._lock.locked():
+            buf.wait_for_commit(0)
+        stream.close()
+        thread.join()
+        assert caught == [errors.StreamClosed]
+
+
+def test_read_back_does_not_reach_samples_from_before_the_stream() -> None:
+    buf = tfdb.Buffer()
+    store(buf, ["base", "camera"], 1)
+    stream = buf.follow(since="held")
+    assert [stream.read_next() is not None for _ in range(3)] == [True, True, False]
+    assert stream.read_back() is None
+    store(buf, ["base", "camera"], 5)
+    assert flat([s for s in (stream.read_next(2), stream.read_back()) if s]) == [
+        (2, "camera", 5, 6.0),
+        (2, "base", 5, 5.0),
+    ]
+    assert stream.read_back() is None
+
+
+@pytest.mark.parametrize("frames", [5, [], ()])
+def test_frames_that_are_none_are_refused(frames: Any) -> None:
+    with pytest.raises(errors.InvalidArgument, match="frames must be one name or several"):
+        tfdb.Buffer().follow(frames)

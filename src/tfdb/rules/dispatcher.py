@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, cast
 from tfdb.data.errors import (
     BufferClosed,
     FeedLapped,
+    InvalidArgument,
     NoSuchStore,
     RuleCycle,
     SnapshotTooOld,
@@ -72,6 +73,9 @@ class Dispatcher:
         frames, pairs, every = _watched([rule])
         # This refuses what the buffer cannot watch.
         self._buffer.watch(frames, pairs, every=every).close()
+        for pair in pairs:
+            with suppress(*NO_ANSWER_YET):
+                self._buffer.lookup_transform(*pair, rule._at, rule._policy)
         with self._lock:
             if self.ended:
                 raise BufferClosed("the rules of this buffer have ended: it was closed")
@@ -100,6 +104,10 @@ class Dispatcher:
 
     def drain(self, timeout: float | None) -> bool:
         """Wait until all commits so far are evaluated and no action waits or runs."""
+        if threading.current_thread() is self._thread or self.pool.is_its_thread():
+            raise InvalidArgument(
+                "drain() in a rule's function would wait for that function itself"
+            )
         until = None if timeout is None else time.monotonic() + timeout
         while not self._is_idle():
             with self._lock:
@@ -140,8 +148,6 @@ class Dispatcher:
         """Forget all rules: in a child of fork, whose threads are gone."""
         for rule in self.rules:
             rule._remove = None
-        self.rules = []
-        self.ended = True
 
     def _change(self) -> None:
         self._is_stale = True
@@ -192,7 +198,10 @@ class Dispatcher:
                     self._evaluate(record, state)
                 self._position = record.commit
         except (FeedLapped, SnapshotTooOld):
-            self._evaluate_newest(taken)
+            try:
+                self._evaluate_newest(taken)
+            except SnapshotTooOld:  # the next step tries again
+                taken.close()
             return True
         except WatchClosed:
             taken.close()
@@ -292,13 +301,14 @@ class Dispatcher:
         A condition of frames needs the commits. A rule of frames without a condition fires.
         """
         unseen = newest.commit - self._position - 1
-        for rule in tuple(self.rules):
-            with self.pool.lock:
-                for stats in (rule.stats, self.total):
-                    stats.unseen += unseen
+        rules = tuple(self.rules)
+        for rule in rules:
             for subject in rule.on:
                 if newest.commit > rule._seen and (isinstance(subject, tuple) or not rule._when):
                     self._judge(rule, subject, newest, (), None, unseen=unseen)
+        with self.pool.lock:
+            for stats in (*(rule.stats for rule in rules), *[self.total] * len(rules)):
+                stats.unseen += unseen
         self._move(newest.commit, newest)
 
     def _judge(

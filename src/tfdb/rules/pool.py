@@ -53,6 +53,7 @@ class Pool:
         self._idle = 0
         self._running = 0
         self._ended = False
+        self._local = threading.local()
 
     @property
     def threads(self) -> int:
@@ -63,7 +64,13 @@ class Pool:
         """Run so many actions at once from now on."""
         with self.lock:
             self._wanted = threads
+            for _ in self._ready:
+                self._start_thread()
             self.lock.notify_all()
+
+    def is_its_thread(self) -> bool:
+        """Whether the calling thread is one that runs actions of this pool."""
+        return hasattr(self._local, "works")
 
     def schedule(self, event: Event) -> None:
         """Put an event behind those of its lane."""
@@ -109,6 +116,13 @@ class Pool:
                 stats.dropped += 1
         del self._waiting[rule]
         self._lanes.pop(rule, None)
+        # Lanes do not wait until the time of an event that was given up.
+        self._ready = [
+            (0.0 if lane.events[0]._dropped else due, order, lane)
+            for due, order, lane in self._ready
+        ]
+        heapq.heapify(self._ready)
+        self.lock.notify_all()
 
     def chain_of(self, commit: int) -> tuple[str, ...]:
         """Return the rules that led to a commit, once it is known that no action made it."""
@@ -148,10 +162,14 @@ class Pool:
 
     def _make_ready(self, lane: _Lane, due: float) -> None:
         heapq.heappush(self._ready, (due, next(self._order), lane))
-        if self._idle == 0 and self._threads < self._wanted:
+        self._start_thread()
+        self.lock.notify_all()  # others than workers wait for it as well
+
+    def _start_thread(self) -> None:
+        """Start another thread, unless those that are idle suffice."""
+        if self._idle < len(self._ready) and self._threads < self._wanted:
             self._threads += 1
             threading.Thread(target=self._work, name="tfdb rules", daemon=True).start()
-        self.lock.notify_all()  # others than workers wait for it as well
 
     def _give_up(self, event: Event) -> None:
         """An event that waits is not run."""
@@ -166,6 +184,7 @@ class Pool:
         event.snapshot.close()
 
     def _work(self) -> None:
+        self._local.works = True
         while (taken := self._take()) is not None:
             lane, event = taken
             try:

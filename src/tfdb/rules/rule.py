@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import inspect
+from threading import TIMEOUT_MAX
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, cast
 
-from tfdb._core import duration_to_nanoseconds
+from tfdb._core import duration_to_nanoseconds, to_nanoseconds
 from tfdb.data.argument_checks import check_count, check_flag, check_name, check_word
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.lazy_names import belong_to
@@ -86,9 +87,9 @@ class Rule:
         debounce: float | None = None,
         max_rate: float | None = None,
     ) -> None:
-        _check_callable("a rule's action", action)
+        check_callable("a rule's action", action)
         if when is not None:
-            _check_callable("when", when)
+            check_callable("when", when)
         self.on: tuple[Subject, ...] = subjects_of(on)
         """The pairs, the frames, or `"*"`."""
         self.name: str = _name_of(action, name)
@@ -101,8 +102,10 @@ class Rule:
         self._wants_transaction = _takes_transaction(action)
         self._when = when
         self._policy = policy
-        self._at = at
+        self._at = None if at is None else to_nanoseconds(at)
         self._initial = check_flag("initial", initial)
+        if isinstance(self.on[0], str) and (initial or at is not None or policy is not None):
+            raise InvalidArgument("policy, at and initial are of pairs, not of frames", value=on)
         self._retries = _count_from_0("retries", retries)
         self._serial = None if serial is None else check_name("serial", serial)
         self._overlap = check_flag("overlap", overlap)
@@ -114,7 +117,8 @@ class Rule:
         self._debounce = (
             0.0 if debounce is None else duration_to_nanoseconds(debounce, "debounce") / 1e9
         )
-        self._interval = 0.0 if max_rate is None else 1 / _rate(max_rate)
+        # Threads can wait no longer than TIMEOUT_MAX.
+        self._interval = min(0.0 if max_rate is None else 1 / _rate(max_rate), TIMEOUT_MAX)
         self._merges = debounce is not None or max_rate is not None
         self._remove: Callable[[Rule], None] | None = None  # while it is installed
         self._order = 0  # of installation
@@ -141,7 +145,7 @@ class Rule:
         return f"<tfdb.rules.Rule {self.name!r} on {', '.join(map(str, self.on))}{ended}>"
 
 
-def _check_callable(role: str, function: object) -> None:
+def check_callable(role: str, function: object) -> None:
     if not callable(function):
         raise TypeError(f"{role} must be callable, got {type(function).__name__}")
 
@@ -190,12 +194,21 @@ def _is_pair(subject: object) -> bool:
 
 
 def _takes_transaction(action: Callable[..., object]) -> bool:
-    """Whether it is called with a transaction behind the event."""
+    """Whether it is called with a transaction behind the event: it needs a second argument."""
+    is_later = (
+        inspect.iscoroutinefunction,
+        inspect.isgeneratorfunction,
+        inspect.isasyncgenfunction,
+    )
+    if any(kind(action) for kind in is_later):
+        raise TypeError(
+            "a rule's action must do its work before it returns: not async def, no generator"
+        )
     try:
         signature = inspect.signature(action)
     except (TypeError, ValueError):
         return False
-    for given in (2, 1):
+    for given in (1, 2):
         try:
             signature.bind(*range(given))
         except TypeError:
@@ -208,7 +221,9 @@ def _takes_transaction(action: Callable[..., object]) -> bool:
 
 
 def _count_from_0(name: str, value: Any) -> int:
-    return 0 if value == 0 and not isinstance(value, bool | float) else check_count(name, value)
+    if isinstance(value, bool | float) or (isinstance(value, int) and value < 0):
+        raise InvalidArgument(f"{name} must be 0 or more, got {shown(value)}", value=value)
+    return 0 if value == 0 else check_count(name, value)
 
 
 def _rate(value: Any) -> float:

@@ -9,9 +9,11 @@ from weakref import WeakSet
 
 from tfdb._core import duration_to_nanoseconds
 from tfdb.data.argument_checks import check_count
+from tfdb.data.errors import InvalidArgument
 from tfdb.data.lazy_names import belong_to
 
 from .dispatcher import Dispatcher
+from .rule import check_callable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -29,8 +31,9 @@ class Rules:
     """The installed rules of a buffer, in the order of their installation: `Buffer.rules`."""
 
     def __init__(self, buffer: Buffer) -> None:
+        self._buffer = buffer
         self._dispatcher = Dispatcher(buffer)
-        _all.add(self._dispatcher)
+        _all.add(self)
 
     def __iter__(self) -> Iterator[Rule]:
         return iter(tuple(self._dispatcher.rules))
@@ -63,6 +66,8 @@ class Rules:
     def on_error(
         self, function: Callable[[Rule, Event | None, BaseException], object] | None
     ) -> None:
+        if function is not None:
+            check_callable("on_error", function)
         self._dispatcher.on_error = function
 
     @property
@@ -74,6 +79,8 @@ class Rules:
     def stats_log_interval(self, seconds: float | None) -> None:
         if seconds is not None:
             seconds = duration_to_nanoseconds(seconds, "stats_log_interval") / 1e9
+            if seconds == 0:
+                raise InvalidArgument("stats_log_interval must be above 0, or None", value=seconds)
         self._dispatcher.log_interval = seconds
         self._dispatcher.wake()
 
@@ -98,7 +105,7 @@ class Rules:
         Raises
         ------
         InvalidArgument
-            The timeout is negative, or this is an action, which would wait for itself.
+            The timeout is negative, or this is a rule's function, which would wait for itself.
         BufferClosed
         """
         if timeout is not None:
@@ -110,12 +117,13 @@ class Rules:
         return rule
 
 
-_all: WeakSet[Dispatcher] = WeakSet()
+_all: WeakSet[Rules] = WeakSet()
 
 
 def _forget_parent() -> None:
-    for dispatcher in list(_all):
-        dispatcher.abandon()
+    for rules in list(_all):
+        rules._dispatcher.abandon()
+        rules._dispatcher = Dispatcher(rules._buffer)
 
 
 os.register_at_fork(after_in_child=_forget_parent)

@@ -150,7 +150,10 @@ class Cursor(Generic[Item]):
             raise StreamClosed("the stream is closed: make another by Buffer.follow()")
 
     def _wait(self, until: float | None) -> bool:
-        """Wait for commits after the position, a while at most. False: the time is over."""
+        """Wait for commits after the position, a while at most. False: the time is over.
+
+        Raises StreamClosed.
+        """
         left = None if until is None else until - time.monotonic()
         if left is not None and left <= 0:
             return False
@@ -158,7 +161,8 @@ class Cursor(Generic[Item]):
             self._look(_RENEWED if left is None else min(left, _RENEWED))
         except FeedLapped as error:
             self._skip(error)
-        return not self._closing.is_set()
+        self._check_open()
+        return True
 
     def _look(self, left: float | None) -> bool:
         """Wait `left` seconds for a commit that may concern the stream, and move to before it."""

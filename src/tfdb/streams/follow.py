@@ -32,7 +32,7 @@ def follow(
     held = since == "held"
     commit = None if held else since
     if pair is None:
-        names = [frames] if isinstance(frames, str) else None if frames is None else list(frames)
+        names = None if frames is None else _names_of(frames)
         return Stream(
             buffer, names, commit, held,
             hold=hold, min_separation=min_separation, lapped=lapped, poll=poll,
@@ -49,3 +49,17 @@ def follow(
         buffer, pair, held,
         hold=hold, min_separation=min_separation, lapped=lapped, poll=poll,
     )  # fmt: skip
+
+
+def _names_of(frames: str | Iterable[str]) -> list[str]:
+    if isinstance(frames, str):
+        return [frames]
+    try:
+        names = list(frames)
+    except TypeError:
+        names = []
+    if not names:
+        raise InvalidArgument(
+            f"frames must be one name or several, got {shown(frames)}", value=frames
+        )
+    return names

@@ -157,6 +157,9 @@ class Stream(Cursor["Sample"]):
     def read_last(self, timeout: float | None = 0) -> Sample | None:
         """Read the newest sample, whether it was read before or not; skip those between.
 
+        While nothing came since the stream began, it is looked up as in `read_at`, and the stream
+        does not move.
+
         Parameters
         ----------
         timeout
@@ -213,6 +216,8 @@ class Stream(Cursor["Sample"]):
             while self._next < back:
                 if not self._earlier():
                     return None
+            if self._held_commit and self._rows.commits[self._next - back] == self._held_commit:
+                return None
             self._next -= back
             return self._move(1)
 
