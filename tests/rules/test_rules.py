@@ -796,3 +796,5 @@ def test_rules_go_on_though_no_held_state_can_be_read() -> None:
     assert buf.rules.drain(60)
     assert not rule.removed
     assert fired[-1] == last
+    assert fired == sorted(set(fired))
+    assert rule.stats.scheduled + rule.stats.unseen == buf.commit

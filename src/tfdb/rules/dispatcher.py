@@ -198,10 +198,12 @@ class Dispatcher:
                     self._evaluate(record, state)
                 self._position = record.commit
         except (FeedLapped, SnapshotTooOld):
+            taken.close()  # it may be older than what was evaluated
+            newest = self._buffer.snapshot()
             try:
-                self._evaluate_newest(taken)
+                self._evaluate_newest(newest)
             except SnapshotTooOld:  # the next step tries again
-                taken.close()
+                newest.close()
             return True
         except WatchClosed:
             taken.close()
