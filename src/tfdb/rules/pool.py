@@ -213,8 +213,6 @@ class Pool:
                 event = lane.events[0]
                 now = time.monotonic()
                 if event._dropped or event._due > now:
-                    if event._dropped:
-                        lane.events.popleft()
                     self._go_on(lane)
                     continue
                 lane.events.popleft()
@@ -231,6 +229,8 @@ class Pool:
         """Make the next event of a lane ready."""
         if self._ended:
             return
+        while lane.events and lane.events[0]._dropped:
+            lane.events.popleft()
         if lane.events:
             self._make_ready(lane, lane.events[0]._due)
         else:
