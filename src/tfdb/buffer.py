@@ -70,18 +70,19 @@ class Buffer(Freezable, _core.NativeBuffer):
     """
 
     __slots__ = ("_rules",)
-    _rules: Rules  # made when it is asked for
+    _rules: Any  # Rules, made when they are asked for
 
     @property
     def rules(self) -> Rules:
         """The installed rules, their figures, and how many threads run their actions."""
         from tfdb.rules.rules import Rules
 
+        made: Rules
         try:
-            return self._rules
+            made = self._rules
         except AttributeError:
             self._rules = made = Rules(_buffer(self))
-            return made
+        return made
 
     def rule(
         self,
