@@ -8,11 +8,14 @@ import subprocess
 import sys
 import tempfile
 import textwrap
+import typing
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
+import numpy
+import numpy.typing
 import pdoc
 import pdoc.doc
 import pdoc.docstrings
@@ -28,10 +31,11 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parent.parent
 STUB = ROOT / "src" / "tfdb" / "_core.pyi"
 CONFIGURATION = ROOT / "tools" / "site"
-ROOMS = ("comparing", "errors", "plot", "recordings", "robots", "store.summary", "trajectories")
+ROOMS = ["comparing", "errors", "judging", "plot", "recordings", "robots", "rules", "store.summary"]
+ROOMS += ["streams", "trajectories"]
 MODULES = ("tfdb", "tfdb.types", *(f"tfdb.{room}" for room in ROOMS))
 # Base classes, which `tfdb` does not export.
-UNLISTED = ("Freezable", "Policy", "Reads", "SharedReads")
+UNLISTED = ("Cursor", "Freezable", "Policy", "Reads", "SharedReads")
 UNLISTED_LINK = re.compile(rf'<a href="#(?:{"|".join(UNLISTED)})(?:\.\w+)?">(.*?)</a>')
 # Unions that would take half a page where a name says it.
 ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|(?:Pose)?Topics|Progress)\b")
@@ -105,6 +109,14 @@ def inherited_members(self: pdoc.doc.Class) -> Members:
     return {at: members for at, members in found if id(members[0]) not in own}
 
 
+def evaluate_named_tuples() -> None:
+    """Give the constructors of named tuples types in place of their names, which have no module."""
+    known = vars(tfdb.data.types) | {"Transform": tfdb.Transform, "np": numpy, "npt": numpy.typing}
+    for value in vars(tfdb.types).values():
+        if isinstance(value, type) and issubclass(value, tuple):
+            value.__new__.__annotations__ = typing.get_type_hints(value, known)
+
+
 def write_reference(out: Path) -> None:
     """Write the API reference into a folder."""
     # pdoc looks for the names of an annotation where a class says that it is.
@@ -122,6 +134,7 @@ def write_reference(out: Path) -> None:
                 setattr(module, name, type(name, (), {"__module__": "tfdb"}))
     # Annotations of classes that moved to `tfdb` are evaluated there.
     vars(tfdb).update({name: getattr(tfdb.types, name) for name in tfdb.types.__all__}, Any=Any)
+    evaluate_named_tuples()
     with tempfile.TemporaryDirectory() as folder:
         # The extension's classes are documented where `tfdb` exports them; pdoc finds their
         # signatures in a stub of that name.
@@ -132,8 +145,9 @@ def write_reference(out: Path) -> None:
             setattr(pdoc.doc.Class, replacement.__name__, property(replacement))
         pdoc.render.configure(docformat="numpy", show_source=False, footer_text="tfdb")
         pdoc.pdoc(*MODULES, output_directory=out)
-    page = out / "tfdb.html"
-    page.write_text(UNLISTED_LINK.sub(r"\1", page.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in (out / "tfdb.html", out / "tfdb" / "streams.html"):
+        text = page.read_text(encoding="utf-8")
+        page.write_text(UNLISTED_LINK.sub(r"\1", text), encoding="utf-8")
 
 
 def toctree(caption: str, *pages: str) -> str:

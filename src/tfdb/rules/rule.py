@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Rule", "RuleOptions"]
 
-Subject: TypeAlias = "str | tuple[str, str]"
+Subject: TypeAlias = str | tuple[str, str]
 """A frame, a pair (target, source), or `"*"`."""
 
 Fires: TypeAlias = Literal["rises", "falls", "changes", "always"]
