@@ -14,8 +14,8 @@ from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
-import numpy
-import numpy.typing
+import numpy as np
+import numpy.typing as npt
 import pdoc
 import pdoc.doc
 import pdoc.docstrings
@@ -111,7 +111,7 @@ def inherited_members(self: pdoc.doc.Class) -> Members:
 
 def evaluate_named_tuples() -> None:
     """Give the constructors of named tuples types in place of their names, which have no module."""
-    known = vars(tfdb.data.types) | {"Transform": tfdb.Transform, "np": numpy, "npt": numpy.typing}
+    known = vars(tfdb.data.types) | {"Transform": tfdb.Transform, "np": np, "npt": npt}
     for value in vars(tfdb.types).values():
         if isinstance(value, type) and issubclass(value, tuple):
             value.__new__.__annotations__ = typing.get_type_hints(value, known)
