@@ -93,7 +93,7 @@ def calls_that_wait(buffer: tfdb.Buffer) -> Table:
         "Buffer.apply": lambda: buffer.apply(commits),
         "Buffer.clear": buffer.clear,
         "Buffer.compact": buffer.compact,
-        "Buffer.forget_source": lambda: buffer.forget_source("nobody"),
+        "Buffer.forget_source": lambda: buffer.forget_source("missing"),
         "Buffer.ingest": lambda: buffer.ingest(message),
         "Buffer.ingest_many": lambda: buffer.ingest_many([message] * 3, encoding="cdr"),
         "Buffer.load": lambda: buffer.load(RECORDING),

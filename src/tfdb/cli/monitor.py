@@ -469,13 +469,13 @@ def _mark(event: Event | None) -> str | Text:
 def _row(
     name: str, frame: Frame, delays: Delays, seconds: float, state: tuple[str | Text, ...]
 ) -> tuple[Any, ...]:
-    who: Any = ", ".join(each or "unknown" for each in frame.authors)
+    writers: Any = ", ".join(each or "unknown" for each in frame.authors)
     if len(frame.authors) > 1:
-        who = layout.loud(who)
+        writers = layout.loud(writers)
     if frame.static:
-        return (name, *state, frame.parent, layout.quiet("static"), "", "", "", who)
+        return (name, *state, frame.parent, layout.quiet("static"), "", "", "", writers)
     gap = format_duration(delays.gap) if delays.gap else ""
-    return (name, *state, frame.parent, _rate(delays, seconds), *_delays(delays), gap, who)
+    return (name, *state, frame.parent, _rate(delays, seconds), *_delays(delays), gap, writers)
 
 
 def _rate(delays: Delays, seconds: float) -> str:

@@ -128,9 +128,7 @@ class Dispatcher:
 
     def report(self, rule: Rule, event: Event | None, error: BaseException) -> None:
         """Log and count what a predicate (no event) or an action raised."""
-        with self.pool.lock:
-            for stats in (rule.stats, self.total):
-                stats.exceptions += 1
+        self.pool.count(rule, exceptions=1)
         what = "predicate" if event is None else "action"
         LOGGER.error("the %s of rule %r raised", what, rule.name, exc_info=error)
         if (tell := self.on_error) is not None:
@@ -354,9 +352,7 @@ class Dispatcher:
             self.pool.schedule(event)
             return
         event.snapshot.close()
-        with self.pool.lock:
-            for stats in (rule.stats, self.total):
-                stats.dropped += 1
+        self.pool.count(rule, dropped=1)
         text = f"rule {rule.name!r} is not run: more than {rule._max_depth} rules led to it: "
         self.report(rule, event, RuleCycle(text + " -> ".join(chain), commit=state.commit))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import logging
 import threading
 import time
 from collections import defaultdict, deque
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from .stats import RuleStats
 
 __all__: list[str] = []
-
-LOGGER = logging.getLogger("tfdb.rules")
 
 
 class _Lane:
@@ -72,6 +69,13 @@ class Pool:
         """Whether the calling thread is one that runs actions of this pool."""
         return hasattr(self._local, "works")
 
+    def count(self, rule: Rule, **figures: int) -> None:
+        """Add to figures of a rule, and of all rules."""
+        with self.lock:
+            for stats in (rule.stats, self._total):
+                for name, by in figures.items():
+                    setattr(stats, name, getattr(stats, name) + by)
+
     def schedule(self, event: Event) -> None:
         """Put an event behind those of its lane."""
         rule = event.rule
@@ -79,9 +83,7 @@ class Pool:
             if self._ended or rule.removed:
                 self._drop(event)
                 return
-            for stats in (rule.stats, self._total):
-                stats.scheduled += 1
-                stats.pending += 1
+            self.count(rule, scheduled=1, pending=1)
             now = time.monotonic()
             event._due = (
                 now + rule._debounce if rule._debounce else max(now, rule._began + rule._interval)
@@ -91,11 +93,9 @@ class Pool:
                 before = waiting[-1]
                 event.merged = before.merged + 1
                 self._give_up(before)
-                for stats in (rule.stats, self._total):
-                    stats.merged += 1
+                self.count(rule, merged=1)
             elif len(waiting) >= rule._max_pending:
-                for stats in (rule.stats, self._total):
-                    stats.dropped += 1
+                self.count(rule, dropped=1)
                 if not rule._keeps_newest:
                     waiting.append(event)
                     self._give_up(event)
@@ -112,8 +112,7 @@ class Pool:
         """Give up a rule's events that have not begun. The lock is held."""
         for event in tuple(self._waiting[rule]):
             self._give_up(event)
-            for stats in (rule.stats, self._total):
-                stats.dropped += 1
+            self.count(rule, dropped=1)
         del self._waiting[rule]
         self._lanes.pop(rule, None)
         # Lanes do not wait until the time of an event that was given up.
@@ -174,8 +173,7 @@ class Pool:
     def _give_up(self, event: Event) -> None:
         """An event that waits is not run."""
         self._waiting[event.rule].remove(event)
-        for stats in (event.rule.stats, self._total):
-            stats.pending -= 1
+        self.count(event.rule, pending=-1)
         self._drop(event)
 
     @staticmethod
@@ -244,7 +242,7 @@ class Pool:
             if rule._wants_transaction:
                 self._run_in_transaction(event)
             else:
-                self._count(rule, again=False)
+                self.count(rule, invoked=1)
                 rule._action(event)
         except BaseException as error:  # an exit or Ctrl-C is not this thread's to obey
             self._report(rule, event, error)
@@ -259,7 +257,7 @@ class Pool:
 
         def attempt(transaction: Transaction) -> None:
             self._note(event)
-            self._count(rule, again=bool(attempts))
+            self.count(rule, invoked=1, retried=bool(attempts))
             attempts.append(transaction)
             rule._action(event, transaction)
             with self.lock:
@@ -270,9 +268,7 @@ class Pool:
             won = attempts[-1]
             self._note(event, won.commit if won._has_written else None)
         except Conflict:
-            with self.lock:
-                for stats in (rule.stats, self._total):
-                    stats.abandoned += 1
+            self.count(rule, abandoned=1)
             raise
         finally:
             self._note(event)
@@ -285,12 +281,6 @@ class Pool:
             if event in self._committing:
                 self._committing.remove(event)
                 self.lock.notify_all()
-
-    def _count(self, rule: Rule, *, again: bool) -> None:
-        with self.lock:
-            for stats in (rule.stats, self._total):
-                stats.invoked += 1
-                stats.retried += again
 
 
 if TYPE_CHECKING:
