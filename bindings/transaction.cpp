@@ -612,7 +612,8 @@ it was committed, or never begun.)");
         [](const TransactionObject& self) { return self.transaction.stage() == Stage::kLost; },
         nb::sig("def _lost(self) -> bool"), "Whether it ended by a Conflict of its own.");
     type.def_prop_ro(
-        "_has_written", [](const TransactionObject& self) { return self.transaction.has_written(); },
+        "_has_written",
+        [](const TransactionObject& self) { return self.transaction.has_written(); },
         nb::sig("def _has_written(self) -> bool"),
         "Whether `commit` is its own, not that of the state that it read.");
     type.def("__enter__", &enter, nb::sig("def __enter__(self) -> typing.Self"));

@@ -48,9 +48,9 @@ public:
     Watch& operator=(const Watch&) = delete;
 
     /// Waits for commits after `after` that touch something, and returns those so far, in order and
-    /// at most `limit` of them. Empty: none came within the timeout (none: for ever), or `Buffer::stop_waits` was
-    /// called. Where the state behind a commit can be read no more, so that the path is unknown,
-    /// each following commit counts, until that path can be read again.
+    /// at most `limit` of them. Empty: none came within the timeout (none: for ever), or
+    /// `Buffer::stop_waits` was called. Where the state behind a commit can be read no more, so
+    /// that the path is unknown, each following commit counts, until that path can be read again.
     ///
     /// Throws InvalidArgument for a commit that does not exist yet; FeedLapped where the feed does
     /// not reach back to `after`, nor to the commit until which the watch has seen that nothing
