@@ -129,8 +129,8 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
     "rename": [(("good.bag", "-o", "r.bag", "--rename", f"{MAP}:=map", "--overwrite"), (), 0)],
     "verify": [(("history.jsonl",), (), 0)],
 }
-WITHOUT = {"bench", "buffer-server", "completion"}
-"""A program of its own, one that needs a graph and prints no frame, and a script."""
+WITHOUT = {"bench", "buffer-server", "completion", "view"}
+"""A program of its own, one that needs a graph and prints no frame, a script, and a server."""
 
 
 def test_every_command_is_run_here() -> None:

@@ -27,6 +27,7 @@ COMMANDS = {
     "lookup": "Look up one transform T[TARGET<-SOURCE], and show how it was computed.",
     "echo": "Print one transform repeatedly, with its age, like tf2_echo.",
     "monitor": "Show the rate, delay, gaps and publisher of each frame, live or recorded.",
+    "view": "Show the frame tree and the frames in 3D in a browser, live or at any time.",
     "view-frames": "Draw the frame tree as PDF, SVG or DOT, like tf2's view_frames.",
     "plot": "Draw the frame tree, the samples over time, trajectories or a comparison.",
     "compare": "Measure the error of a trajectory: APE (ATE) and RPE, equal to evo's.",

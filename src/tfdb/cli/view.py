@@ -1,0 +1,161 @@
+"""``tfdb view``: a page in the browser that shows a store, live or at any stamp."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import sys
+import webbrowser
+from typing import TYPE_CHECKING, cast
+
+import click
+
+import tfdb
+from tfdb.data.errors import NotSupported
+from tfdb.judging.arrivals import Arrivals
+from tfdb.judging.proposing import judge_recording
+from tfdb.recordings.arrivals import ArrivalReader
+from tfdb.store.frozen import is_frozen
+
+from . import common, output
+from .expect import expect_option
+from .graph import STORE, is_graph, live_source, node_option
+from .groups import SuggestingCommand
+from .selecting import given, refuse_selection, selection_options
+from .times import NS
+
+if TYPE_CHECKING:
+    from tfdb import Buffer
+    from tfdb.judging.expectations import Expectations
+    from tfdb.recordings.arrivals import RecordedArrivals
+    from tfdb.view.model import Model
+
+    from .graph import Live
+
+_PORT = 8470
+_KEPT = 60 * NS
+"""How much of a graph is kept, to look back."""
+
+
+@click.command("view", cls=SuggestingCommand)
+@common.file_argument
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=_PORT,
+    show_default=True,
+    help="Port of the page; 0: any free one.",
+)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    metavar="ADDRESS",
+    help="Address to listen on. Any but a loopback one demands the token in the printed address.",
+)
+@click.option(
+    "--allow-host",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="A host name under which browsers reach the page; repeatable.",
+)
+@click.option("--no-open", is_flag=True, help="Print the address without opening a browser.")
+@expect_option
+@node_option
+@selection_options
+@common.json_option
+def command(
+    *,
+    file: str,
+    port: int,
+    host: str,
+    names: tuple[str, ...],
+    no_open: bool,
+    expect: str | None,
+    as_json: bool,
+) -> None:
+    """Show the frame tree and the frames in 3D in a browser, live or at any time.
+
+    Example: tfdb view shm:robot
+
+    FILE is a shared store (shm:NAME), a live graph (ros1:, ros2:), a recording or a frozen store.
+    The page follows what is live, and shows any stamp that is still held. With --expect, edges that
+    break an expectation stand out; without it, those whose newest sample is several periods old.
+    The command serves the page until Ctrl-C.
+    """
+    try:
+        from tfdb.view.server import Server  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise NotSupported(
+            f"tfdb view needs websockets: pip install 'tfdb[view]' ({error})", reason="websockets"
+        ) from error
+    host = "127.0.0.1" if host == "localhost" else host
+    expected = None if expect is None else tfdb.Expectations.read(expect)
+
+    def ready(address: str) -> None:
+        if as_json:
+            output.emit_json("view", {"files": [file], "address": address})
+        else:
+            output.say(f"{address} shows {file}; Ctrl-C ends it")
+        sys.stdout.flush()
+        if not no_open:
+            webbrowser.open(address)
+
+    def serve(model: Model) -> None:
+        server = Server(model, host=host, port=port, names=names)
+        try:
+            asyncio.run(server.run(ready))
+        except OSError as error:
+            raise _no_port(host, port, error) from error
+
+    if not common.is_live(file):
+        serve(_recording(file, expected))
+        return
+    refuse_selection((file,), "live", "it")
+    with live_source(file, history=_KEPT) as live:
+        try:
+            serve(_live(file, live, expected))
+        except tfdb.errors.BufferClosed:
+            live.check()
+            raise
+
+
+def _no_port(host: str, port: int, error: OSError) -> click.ClickException:
+    if error.errno == errno.EADDRINUSE:
+        why = f"port {port} of {host} is in use: give another --port, or 0 for any free one"
+    else:
+        why = f"cannot listen on port {port} of {host}: {error.strerror or error}"
+    return click.ClickException(why)
+
+
+def _live(file: str, live: Live, expected: Expectations | None) -> Model:
+    from tfdb.view.model import Model  # noqa: PLC0415 - as the server
+
+    opening = ""
+    if not is_graph(file):
+        name = file.removeprefix(STORE)
+        opening = f'buf = tfdb.Buffer.open({name!r}, create=False, mode="r")'
+    return Model(live.store, file, live=live, opening=opening, expected=expected)
+
+
+def _recording(file: str, expected: Expectations | None) -> Model:
+    from tfdb.view.model import Model  # noqa: PLC0415 - as the server
+
+    (path,) = common.find_paths((file,))
+    if is_frozen(path):
+        if expected is not None:
+            raise click.UsageError(
+                f"{file} is a frozen store: it has no arrival times to judge; give the recording "
+                "that it was made of"
+            )
+        refuse_selection((file,), "a frozen store", "FILE.tfdb")
+        return Model(tfdb.open(path), file, opening=f"buf = tfdb.open({file!r})")
+    opening = "" if given() else f"buf = tfdb.load({file!r})"
+    if expected is None:
+        store = common.load((file,), apart=True).store
+        return Model(cast("Buffer", store), file, opening=opening)
+    reader = ArrivalReader()
+    store = common.load((file,), apart=True, arrivals=reader).store
+    events = judge_recording(Arrivals.of(cast("RecordedArrivals", reader.found)), expected)
+    return Model(cast("Buffer", store), file, opening=opening, expected=expected, events=events)

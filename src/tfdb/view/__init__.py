@@ -1,0 +1,1 @@
+"""A page that shows a store in the browser: `tfdb view`."""

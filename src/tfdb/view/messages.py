@@ -1,0 +1,150 @@
+"""Messages between the server of the page and its viewers: JSON as text, poses as bytes.
+
+Stamps are strings of digits: numbers of JavaScript lose nanoseconds.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tfdb.data.suggestions import first_few
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CHANGED, WHOLE, PAST = 1, 2, 3
+"""Kinds of poses: rows that changed since the last ones, all rows, all rows at a past stamp."""
+MOST_BYTES = 1 << 16
+"""Of a message of a viewer."""
+FASTEST = 60
+"""Poses a second that a viewer may ask for, at most."""
+_HEADER = struct.Struct("<IIqII")
+_STAMP = re.compile(r"[0-9]{1,19}", re.ASCII)
+_LATEST = 2**63 - 1
+
+
+class BadMessage(ValueError):  # noqa: N818 - as the viewer reads it
+    """A message of a viewer that cannot be answered, with what would be valid."""
+
+
+@dataclass(frozen=True)
+class At:
+    """Show everything at a stamp; None: each edge's newest sample."""
+
+    stamp: int | None
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """Look up T[target<-source] at a stamp; None: from each edge's newest sample."""
+
+    number: int
+    target: str
+    source: str
+    stamp: int | None
+    trail: float
+    """Seconds of the source's way in the target up to the stamp; 0: none."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Send poses so often a second at most."""
+
+    hz: int
+
+
+Question: TypeAlias = At | Lookup | Rate
+
+
+def read_question(message: str | bytes) -> Question:
+    """Read a message of a viewer. Raises BadMessage."""
+    if not isinstance(message, str):
+        raise BadMessage("a message is JSON text, not bytes")
+    try:
+        body = json.loads(message)
+    except (ValueError, RecursionError):
+        raise BadMessage('a message is a JSON object, as {"type": "at", "stamp": null}') from None
+    kind = body.get("type") if isinstance(body, dict) else None
+    if not isinstance(kind, str) or kind not in _READERS:
+        raise BadMessage(f"the type of a message is one of {first_few(list(_READERS))}")
+    return _READERS[kind](body)
+
+
+def _read_at(body: dict[str, Any]) -> At:
+    return At(_stamp(body))
+
+
+def _read_lookup(body: dict[str, Any]) -> Lookup:
+    number, trail = body.get("id"), body.get("trail", 0)
+    if type(number) is not int or not 0 <= number < 2**53:
+        raise BadMessage("the id of a lookup is an integer from 0 on")
+    if type(trail) not in (int, float) or not 0 <= trail <= 3600:
+        raise BadMessage("the trail of a lookup is 0 to 3600 seconds")
+    return Lookup(number, _name(body, "target"), _name(body, "source"), _stamp(body), float(trail))
+
+
+def _read_rate(body: dict[str, Any]) -> Rate:
+    hz = body.get("hz")
+    if type(hz) is not int or not 1 <= hz <= FASTEST:
+        raise BadMessage(f"the hz of a rate is an integer from 1 to {FASTEST}")
+    return Rate(hz)
+
+
+_READERS: dict[str, Callable[[dict[str, Any]], Question]] = {
+    "at": _read_at,
+    "lookup": _read_lookup,
+    "rate": _read_rate,
+}
+
+
+def _name(body: dict[str, Any], key: str) -> str:
+    name = body.get(key)
+    if not isinstance(name, str) or not name:
+        raise BadMessage(f"the {key} of a lookup is the name of a frame")
+    return name
+
+
+def _stamp(body: dict[str, Any]) -> int | None:
+    value = body.get("stamp", "")
+    if value is None:
+        return None
+    if not isinstance(value, str) or not _STAMP.fullmatch(value) or int(value) > _LATEST:
+        raise BadMessage(
+            f"a stamp is null or a string of nanoseconds from '0' to '{_LATEST}', not a number"
+        )
+    return int(value)
+
+
+def write_text(kind: str, /, **fields: Any) -> str:
+    """Write a message of the server as JSON text."""
+    return json.dumps({"type": kind, **fields}, separators=(",", ":"))
+
+
+def write_poses(
+    kind: int,
+    topology: int,
+    stamp: int,
+    rows: npt.NDArray[np.int64],
+    poses: npt.NDArray[np.float32],
+) -> bytes:
+    """Write poses as bytes: a header, the rows of the tree, and 7 numbers for each."""
+    count = len(rows)
+    head = _HEADER.pack(kind, topology, stamp, count, 0)
+    return head + rows.astype("<u4").tobytes() + poses.astype("<f4", copy=False).tobytes()
+
+
+def as_numbers(values: npt.NDArray[np.float64], digits: int | None = None) -> list[Any]:
+    """Return numbers for JSON, which has no NaN: None instead."""
+    values = values if digits is None else np.round(values, digits)
+    if np.isfinite(values).all():
+        return values.tolist()  # type: ignore[no-any-return]
+    found = values.astype(object)
+    found[~np.isfinite(values)] = None
+    return found.tolist()  # type: ignore[no-any-return]

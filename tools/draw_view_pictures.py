@@ -1,0 +1,101 @@
+"""Draw the pictures of docs/howto/view.md: `python tools/draw_view_pictures.py [FOLDER]`.
+
+Chromium shows the page without a screen; Debian's package `chromium` has it.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import tfdb
+from tfdb.cli.graph import Live
+from tfdb.view.model import Model
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+FOLDER = ROOT / "docs" / "howto" / "view"
+COLOURS = 200
+FRAMES = 2000
+SILENT = 40
+
+
+def save(png: bytes, path: Path) -> None:
+    """Save a screenshot with few colours."""
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+
+
+def feed(buf: tfdb.Buffer, stop: threading.Event) -> None:
+    """Move a fleet of arms; some stop after a while."""
+    rng = np.random.default_rng(3)
+    names = [f"robot_{each // 10:03}/link_{each % 10}" for each in range(FRAMES)]
+    parents = ["map" if each % 10 == 0 else names[each - 1] for each in range(FRAMES)]
+    places = rng.normal(size=(FRAMES, 3)) * 0.35
+    places[:, 2] = np.abs(places[:, 2])
+    robots = np.arange(FRAMES // 10)
+    places[::10] = np.stack([robots % 20 * 2.5, robots // 20 * 2.5, 0 * robots], axis=1)
+    turns = np.zeros((FRAMES, 4))
+    began = time.monotonic()
+    while not stop.wait(0.1):
+        passed = time.monotonic() - began
+        angles = 0.3 * np.sin(passed + np.arange(FRAMES))
+        turns[:, 2], turns[:, 3] = np.sin(angles / 2), np.cos(angles / 2)
+        moved = slice(0 if passed < 3 else SILENT, FRAMES)
+        stamps = np.full(FRAMES, time.time_ns())
+        poses = np.hstack([places, turns])
+        columns = tfdb.Columns(parents[moved], names[moved], stamps[moved], poses[moved])
+        buf.set_transforms(columns, authority="/fleet")
+
+
+def main() -> None:
+    """Draw all pictures."""
+    from tests.view.chromium import READY, chromium, find_chromium  # noqa: PLC0415 - of the checkout
+    from tests.view.served import serving  # noqa: PLC0415
+
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    program = find_chromium()
+    if program is None:
+        sys.exit("chromium is missing: apt-get install chromium")
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    buf = tfdb.load(ROOT / "examples" / "data" / "pr2.bag")
+    robot = Model(buf, "pr2.bag", opening="buf = tfdb.load('pr2.bag')")
+    with chromium(program) as browser:
+        with serving(robot) as served, browser.page() as page:
+            page.call("Emulation.setEmulatedMedia", features=dark)
+            page.open(served.address)
+            page.until(READY)
+            page.run("tfdb.goTo(tfdb.state.start + 7500000000n)")
+            page.until("tfdb.state.shownAt !== null")
+            page.run("tfdb.focus(tfdb.state.rowOf.get('l_gripper_tool_frame'))")
+            page.until("tfdb.state.answer && tfdb.scene.trail.length")
+            time.sleep(1)
+            save(page.screenshot(), folder / "robot.png")
+        store, stop = tfdb.Buffer(history=20), threading.Event()
+        thread = threading.Thread(target=feed, args=(store, stop))
+        thread.start()
+        try:
+            while not store.commit:
+                time.sleep(0.1)
+            many = Model(store, "shm:fleet", live=Live(store))
+            with serving(many) as served, browser.page() as page:
+                page.open(served.address)
+                page.until(
+                    f"tfdb.world.states.filter((each) => each === 'silent').length === {SILENT}"
+                )
+                page.run("tfdb.focus(tfdb.state.rowOf.get('robot_002/link_9'))")
+                page.until("tfdb.state.answer")
+                time.sleep(1)
+                save(page.screenshot(), folder / "many.png")
+        finally:
+            stop.set()
+            thread.join()
+
+
+if __name__ == "__main__":
+    main()
