@@ -91,6 +91,7 @@ function dateText(ns) {
 
 function duration(value) {
   const size = Math.abs(value);
+  if (size === 0) return "0 s";
   if (size < 1e-6) return `${(value * 1e9).toPrecision(3)} ns`;
   if (size < 1e-3) return `${(value * 1e6).toPrecision(3)} µs`;
   if (size < 1) return `${Number((value * 1e3).toPrecision(3))} ms`;

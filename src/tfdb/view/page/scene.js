@@ -191,7 +191,7 @@ export class Scene {
     if (row < 0 || !this.world.seen[row]) return;
     const target = new Vector3(...this.followed);
     const way = new Vector3().subVectors(this.camera.position, this.controls.target);
-    const distance = Math.min(way.length(), 16 * this.axis * this.size);
+    const distance = Math.min(way.length(), 24 * this.axis * this.size);
     this.#look(target, way.normalize(), distance);
   }
 
