@@ -520,6 +520,13 @@ void bind_buffer(nb::module_& module) {
     type.def_prop_ro("concurrency", &concurrency,
                      nb::sig("def concurrency(self) -> tfdb.types.Concurrency"),
                      "Name of the concurrency-control engine.");
+    type.def_prop_ro(
+        "_clock",
+        [](const BufferObject& self) {
+            return self.clock.is_valid() ? nb::object(self.clock) : nb::none();
+        },
+        nb::sig("def _clock(self) -> collections.abc.Callable[[], int] | None"),
+        "The function of the time, nanoseconds; None: the system's clock.");
     type.def("__repr__", &represent);
     bind_shared(module);
     bind_frozen(module, type);

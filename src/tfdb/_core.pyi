@@ -1249,6 +1249,10 @@ class NativeBuffer(Reads):
     def concurrency(self) -> tfdb.types.Concurrency:
         """Name of the concurrency-control engine."""
 
+    @property
+    def _clock(self) -> Callable[[], int] | None:
+        """The function of the time, nanoseconds; None: the system's clock."""
+
     def __repr__(self) -> str: ...
 
     @property

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
         VectorLike,
         WxyzLike,
     )
+    from tfdb.judging.buffer_expectations import BufferExpectations
+    from tfdb.judging.event_stream import EventStream
+    from tfdb.judging.expectations import Expectations, Limits
+    from tfdb.judging.installed import Installed
     from tfdb.recordings.load_report import LoadReport
     from tfdb.recordings.selected import Selected
     from tfdb.rules.rule import Action, Rule, RuleOptions, Subject
@@ -69,8 +73,9 @@ class Buffer(Freezable, _core.NativeBuffer):
     Raises InvalidArgument, CapacityExceeded.
     """
 
-    __slots__ = ("_rules",)
-    _rules: Any  # Rules, made when they are asked for
+    __slots__ = ("_expectations", "_rules")
+    _expectations: Any  # BufferExpectations, made when they are asked for
+    _rules: Any  # Rules, likewise
 
     @property
     def rules(self) -> Rules:
@@ -164,6 +169,88 @@ class Buffer(Freezable, _core.NativeBuffer):
         from tfdb.rules.rule import Rule
 
         return _buffer(self).rules._add(Rule(action, on, when, **options))
+
+    @property
+    def expectations(self) -> BufferExpectations:
+        """The installed expectations, what is broken now, and a callback for events."""
+        from tfdb.judging.buffer_expectations import BufferExpectations
+
+        made: BufferExpectations
+        try:
+            made = self._expectations
+        except AttributeError:
+            self._expectations = made = BufferExpectations(_buffer(self))
+        return made
+
+    @overload
+    def expect(self, parent: Expectations) -> Installed: ...
+
+    @overload
+    def expect(self, parent: str, child: str, **limits: Unpack[Limits]) -> Installed: ...
+
+    def expect(
+        self,
+        parent: str | Expectations,
+        child: str | None = None,
+        **limits: Unpack[Limits],
+    ) -> Installed:
+        """Judge the commits from now on, until `remove()`: an event begins where a limit is broken.
+
+        One thread of the buffer judges all that is expected. The events go to `events()`, to
+        `expectations.on_event` and to the logger `tfdb.expectations`.
+
+        ```python
+        with buf.expect("odom", "base", deadline=0.05, authority=["ekf", "wheels"]):
+            for event in buf.events():
+                print(event)
+        ```
+
+        Parameters
+        ----------
+        parent, child
+            Names of the edges, which may contain `*`. An edge that is named in full is `missing`
+            until it has a sample. Instead of both: Expectations, as of a file.
+        **limits
+            Fields of `tfdb.judging.Limits`, with the units of docs/howto/expectations.md.
+
+        Returns
+        -------
+        Installed
+            A context manager that removes them.
+
+        Raises
+        ------
+        InvalidArgument
+            A limit is not valid, or contradicts what is installed: the same edge or authority, a
+            second default, another parent of a child, or another clock.
+        NotSupported
+            This process may not wait for commits of the store, or its engine keeps no feed.
+        BufferClosed, TransactionActive
+        """
+        from tfdb.judging.buffer_expectations import expectations_of
+
+        return _buffer(self).expectations._add(expectations_of(parent, child, limits))
+
+    def events(self, *, max_pending: int = 1000) -> EventStream:
+        """Return a stream of the events that follow: each once, in their order.
+
+        Parameters
+        ----------
+        max_pending
+            Largest number of unread events. Beyond it the oldest are dropped, and `missed` counts
+            them.
+
+        Returns
+        -------
+        EventStream
+
+        Raises
+        ------
+        InvalidArgument
+            The number is not 1 or more.
+        BufferClosed, TransactionActive
+        """
+        return _buffer(self).expectations._events(max_pending)
 
     def load(
         self, path: Paths, *, progress: Progress | None = None, **selection: Unpack[Selected]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import threading
@@ -17,17 +16,12 @@ import tfdb
 from tfdb.cli.graph import Live
 from tfdb.cli.watch import watch_events
 from tfdb.judging import Expectation
-from tfdb.judging.follower import judge_stretches
-from tfdb.judging.judge import Judge
-from tfdb.judging.proposing import judge_recording, recorded_arrivals
-from tfdb.streams.rows import stretches_of_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from conftest import Tool
-    from tfdb.judging import Event
 
 S = 10**9
 _numbers = count()
@@ -160,38 +154,20 @@ def test_watch_goes_on_after_commits_that_it_missed(capsys: pytest.CaptureFixtur
     store = tfdb.Buffer()
     expected = tfdb.Expectations([Expectation("map", "base", deadline=0.5, max_step=1)])
     store.set_transform("map", "base", 10 * S, (0, 0, 0))
-    now, steps = 10 * S, iter(range(3))
+    now, steps = 10 * S, iter(range(4))
 
     def clock() -> int:
         nonlocal now
         now += S // 10
-        if next(steps, None) == 2:  # the first look at the feed follows
+        if next(steps, None) == 3:  # the first look at the feed is over
             for i in range(20_000):
                 store.set_transform("map", "base", now + i, (i, 0, 0))
         return now
 
-    assert not any(watch_events(Live(store, clock), expected, S // 5))
-    assert "tfdb: warning: 20,000 commits were missed" in capsys.readouterr().err
-
-
-def test_a_recording_that_is_played_gives_the_same_events(bag: Path) -> None:
-    limits = {"deadline": 0.03, "lifespan": 0.03, "max_step": 0.01, "max_turn": 0.01}
-    expected = tfdb.Expectations(default=Expectation(**limits))  # type: ignore[arg-type]
-    wanted = judge_recording(recorded_arrivals([bag]), expected)
-    assert len(wanted) > 200
-    store, found = tfdb.Buffer(history=None), []
-    with tfdb.recordings.Recording(bag) as recording:
-        judge = Judge(expected, recording.start)
-        for source, received, data in recording.messages():
-            since = store.commit
-            store.ingest(data, encoding=source.encoding, static=source.topic == "/tf_static")
-            if data := store.commits_bytes(since):
-                found += judge_stretches(judge, stretches_of_bytes(data)[1], received)
-    assert sorted(map(facts, found)) == sorted(map(facts, wanted))
-
-
-def facts(event: Event) -> tuple[Any, ...]:
-    """All of an event but what differs between stores and recordings: the order of edges."""
-    known = dataclasses.asdict(event)
-    del known["commit"], known["authority"]
-    return tuple(known.values())
+    said = ""
+    for events in watch_events(Live(store, clock), expected, None):
+        assert events == []
+        said += capsys.readouterr().err
+        if said:
+            break
+    assert "tfdb: warning: 20,000 commits were missed" in said

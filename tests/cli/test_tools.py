@@ -26,6 +26,7 @@ from tfdb.cli.echo import Printer, Question, echo
 from tfdb.cli.graph import Live
 from tfdb.cli.monitor import Watch
 from tfdb.cli.times import LATEST
+from tfdb.judging.live import LiveJudge
 from tfdb.streams.rows import stretches_of_changes
 
 if TYPE_CHECKING:
@@ -270,7 +271,8 @@ def test_monitor_shows_a_long_delay_beside_a_timely_frame() -> None:
     now = 10**6 * S
     for child, ago in (("fast", S), ("slow", 100 * S), ("replayed", AGO)):
         store.set_transform("map", child, now - ago, (1, 2, 3), TURN)
-    watch.take(stretches_of_changes(store.changes(0)), now)
+    follower = LiveJudge(Live(store, lambda: now), watch.judge, rates=watch.rates, judges=False)
+    follower.take(stretches_of_changes(store.changes(0)))
     found = {name: delays for name, _, delays in watch.rates.of_frames()}
     assert (found["fast"].mean, found["slow"].mean) == (S, 100 * S)
     assert (found["replayed"].mean, found["replayed"].nearest) == (None, AGO)
@@ -370,14 +372,16 @@ def test_monitor_shows_the_worst_frames_first_and_no_more_than_fit(
 
 
 def test_monitor_begins_anew_where_time_jumps_back() -> None:
-    store = tfdb.Buffer(history=None)
+    store, stamp = tfdb.Buffer(history=None), 0
     watch = Watch(store, None, began=0)
+    live = Live(store, lambda: stamp * S + 10)
+    follower = LiveJudge(live, watch.judge, rates=watch.rates, judges=False)
     for stamp in (100, 101, 5, 7):
         if stamp == 5:
             store.clear()
         since = store.commit - (stamp == 5)
         store.set_transform("map", "base", stamp * S, (1, 2, 3), TURN)
-        watch.take(stretches_of_changes(store.changes(since)), stamp * S + 10)
+        follower.take(stretches_of_changes(store.changes(since)))
     ((_, _, delays),) = watch.rates.of_frames()
     assert (delays.count, delays.gap, delays.longest) == (4, 2 * S, 10)
 

@@ -15,8 +15,8 @@ from tfdb.data.time_text import format_duration
 from tfdb.judging.arrivals import Arrivals
 from tfdb.judging.events import BROKEN, CLOCKS
 from tfdb.judging.expectations import Expectations
-from tfdb.judging.follower import Follower, held_rows, judge_state, numbered
 from tfdb.judging.judge import Judge
+from tfdb.judging.live import LiveJudge
 from tfdb.judging.proposing import fixed_rows, rows_of, span_of
 from tfdb.judging.rates import Delays, Frame, Rates
 from tfdb.recordings.arrivals import ArrivalReader
@@ -35,7 +35,7 @@ from .selecting import refuse_selection, selection_options
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
     from rich.console import RenderableType
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from tfdb.judging.events import Event
     from tfdb.judging.judge import Rows
     from tfdb.recordings.arrivals import RecordedArrivals
-    from tfdb.streams.rows import Stretch
 
 _KEPT = 10 * NS
 
@@ -150,27 +149,9 @@ class Watch:
         self.broken: str = ""
         """Why the chain is broken now."""
 
-    def take_held(self, state: Reads, now: int) -> None:
-        """Take the static edges that are there already; expectations take the moving ones too."""
-        rows = held_rows(self.judge, state, now)
-        self.rates.add(rows.at(rows.static))
-        if self.judges:
-            self.judge.feed(rows)
-
     def depths(self) -> dict[str, int]:
         """How deep each frame is in the tree, in its order."""
         return {row.info.name: row.depth for row in Forest(self._store.tree()).rows()}
-
-    def take(self, stretches: Sequence[Stretch], arrival: int) -> None:
-        """Count and judge the samples of commits."""
-        if stretches:
-            for cleared, rows in stretches:
-                self.judge.forget(cleared)
-                self.rates.forget(cleared)
-                self.take_rows(numbered(self.judge, rows, arrival))
-            self.look_at_chain(self._store, arrival)
-        if self.judges:
-            self.judge.advance(arrival)
 
     def take_rows(self, rows: Rows) -> None:
         """Count and judge samples."""
@@ -202,19 +183,16 @@ class Watch:
 
 def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Screen) -> None:
     """Follow the commits, and say each period what was seen."""
-    with live.store.snapshot() as state:
-        live.commit = state.commit
-        watch.take_held(state, live.now())
-    follower = Follower(live)
+    follower = LiveJudge(live, watch.judge, rates=watch.rates, judges=watch.judges)
     began = time.monotonic()
     ends = None if length is None else began + length / NS
     shown = began + every / NS
     while True:
         until = shown if ends is None else min(shown, ends)
-        missed = follower.missed
-        watch.take(follower.read(until), live.now())
-        if follower.missed > missed and watch.judges:
-            judge_state(watch.judge, live.store, live.now())
+        stretches = follower.read(until)
+        follower.take(stretches)
+        if stretches:
+            watch.look_at_chain(live.store, live.now())
         if time.monotonic() >= until:
             live.check()
             now = time.monotonic_ns()

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from .graph import Live
 
 _KEPT = 10 * NS
-_LONGEST = 0.1
-"""Seconds between two looks at the time."""
 _STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "stale": "magenta"}
 
 
@@ -123,28 +121,22 @@ class Diagnostics:
 
 def watch_events(live: Live, expected: Expectations, length: int | None) -> Iterator[list[Event]]:
     """Follow the commits, and yield the events of each look at them."""
-    from tfdb.judging.follower import Follower, judge_state, judge_stretches  # noqa: PLC0415 - numpy
-    from tfdb.judging.judge import Judge  # noqa: PLC0415
+    from tfdb.judging.judge import Judge  # noqa: PLC0415 - numpy
+    from tfdb.judging.live import LOOK, LiveJudge  # noqa: PLC0415
 
     ends = math.inf if length is None else time.monotonic() + length / NS
     while live.now() <= 0 and time.monotonic() < ends:  # a simulated one
-        live.wait(min(time.monotonic() + _LONGEST, ends))
-    judge = Judge(expected, live.now())
-    with live.store.snapshot() as state:
-        live.commit = state.commit
-        follower = Follower(live)
-        yield judge_state(judge, state, live.now())
+        live.wait(min(time.monotonic() + LOOK, ends))
+    judge = LiveJudge(live, Judge(expected, live.now()))
+    yield judge.begun
     missed = 0
     while time.monotonic() < ends:
-        stretches = follower.read(min(time.monotonic() + _LONGEST, ends))
-        now = live.now()
-        events = judge_stretches(judge, stretches, now)
-        if follower.missed > missed:
-            text = f"{counted(follower.missed - missed, 'commit')} were missed"
+        events = judge.take(judge.read(min(time.monotonic() + LOOK, ends)))
+        if judge.missed > missed:
+            text = f"{counted(judge.missed - missed, 'commit')} were missed"
             output.say(f"tfdb: warning: {text}: they come faster than they are read", err=True)
-            missed = follower.missed
-            events += judge_state(judge, live.store, now)
-        yield events + judge.advance(now)
+            missed = judge.missed
+        yield events
         live.check()
 
 

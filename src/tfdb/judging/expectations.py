@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, get_args
 
 from tfdb.data.argument_checks import check_word
 from tfdb.data.errors import ExpectationError, InvalidArgument
@@ -20,9 +20,9 @@ from .expectation_file import TIME, UNITS, ExpectationFile, text_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
-__all__ = ["AuthorityExpectation", "Expectation", "Expectations"]
+__all__ = ["AuthorityExpectation", "Expectation", "Expectations", "Limits"]
 
 _QUANTITY = re.compile(r"([0-9.eE+-]+)\s*([a-z/]+)")
 _GREATEST = 1e9
@@ -88,6 +88,29 @@ class Expectation:
         if not other.severity and not any(lacking.values()):
             return self
         return replace(self, severity={**other.severity, **self.severity}, **lacking)
+
+
+class Limits(TypedDict, total=False):
+    """The limits of `Expectation`, for `Buffer.expect`: numbers, or text with a unit."""
+
+    deadline: float | str
+    """Longest time between two arrivals."""
+    lifespan: float | str
+    """Greatest age of the newest stamp."""
+    liveliness: float | str
+    """Longest time between two commits of each of these authorities, on any edge."""
+    authority: str | Sequence[str]
+    """The authorities that may write the edge, the strongest first."""
+    max_step: float | str
+    """Longest distance between two samples."""
+    max_speed: float | str
+    """Highest speed between two samples."""
+    max_turn: float | str
+    """Largest rotation between two samples."""
+    max_late: float | str
+    """How far a sample may lie behind the newest stamp."""
+    severity: Mapping[str, Severity]
+    """The severity of each kind of event that shall not have the usual one."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +195,23 @@ class Expectations:
     def __str__(self) -> str:
         """The text of the TOML file."""
         return text_of(self)
+
+
+def joined(parts: Sequence[Expectations]) -> Expectations:
+    """Return all of these as one. Refuses what two of them say of one subject."""
+    clocks = {each.clock for each in parts}
+    defaults = [each.default for each in parts if each.default != Expectation()]
+    if len(clocks) > 1:
+        text = "clock is 'stamps' of some expectations and 'arrival' of others; give one to all"
+        raise InvalidArgument(text)
+    if len(defaults) > 1:
+        raise InvalidArgument("default is given twice; join the two, or name edges")
+    return Expectations(
+        [edge for each in parts for edge in each.edges],
+        [authority for each in parts for authority in each.authorities],
+        defaults[0] if defaults else Expectation(),
+        parts[0].clock,
+    )
 
 
 def edge_limits(expectations: Expectations) -> Callable[[str, str], Expectation]:
@@ -261,6 +301,9 @@ def _check_contradictions(
     parents: dict[str, str] = {}
     pairs: set[tuple[str, str]] = set()
     for index, each in enumerate(edges):
+        if each.liveliness and not each.authority:
+            text = f"liveliness of {each.parent} -> {each.child} needs an authority; name one"
+            raise InvalidArgument(text, index=index)
         if (each.parent, each.child) in pairs:
             text = f"edge {each.parent} -> {each.child} is expected twice; join the two"
             raise InvalidArgument(text, index=index)
@@ -283,4 +326,4 @@ def _first_twice(names: Sequence[str]) -> str:
 
 
 belong_to("tfdb", globals(), ("Expectations",))
-belong_to("tfdb.judging", globals(), ("AuthorityExpectation", "Expectation"))
+belong_to("tfdb.judging", globals(), ("AuthorityExpectation", "Expectation", "Limits"))

@@ -17,7 +17,7 @@ from .expectations import Expectations
 from .judge import Judge, Rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from tfdb._core import Buffer, Reads
     from tfdb.streams.rows import Rows as StreamRows
@@ -45,15 +45,6 @@ def stored_arrivals(state: Reads) -> Arrivals:
         samples = state.samples(info.name)
         log.add_edge(info.name, *samples, publisher=info.authority, static=info.is_static)
     return Arrivals(log, known)
-
-
-def judge_stretches(judge: Judge, stretches: Sequence[Stretch], arrival: int) -> list[Event]:
-    """Judge commits that were read at one time."""
-    events: list[Event] = []
-    for cleared, rows in stretches:
-        judge.forget(cleared)  # the stamps of such a frame may begin anew
-        events += judge.feed(numbered(judge, rows, arrival))
-    return events
 
 
 def numbered(judge: Judge, rows: StreamRows, arrival: int) -> Rows:
@@ -86,7 +77,7 @@ def held_rows(judge: Judge, state: Reads, arrival: int) -> Rows:
 def judge_state(judge: Judge, state: Reads, arrival: int) -> list[Event]:
     """Judge the newest sample of each edge, where commits before it went by unseen."""
     judge.forget({child for _, child in judge.edges})
-    return judge.feed(held_rows(judge, state, arrival))
+    return judge.feed_held(held_rows(judge, state, arrival))
 
 
 class Followed(Protocol):
@@ -122,13 +113,16 @@ class Follower:
         self.missed: int = 0
         """How many commits went by unseen."""
 
-    def read(self, until: float) -> list[Stretch]:
-        """Return commits since the last call; wait for one until a monotonic time."""
+    def read(self, until: float, rested: float = math.inf) -> list[Stretch]:
+        """Return commits since the last call; wait for one until a monotonic time.
+
+        `rested`: when it looks for commits again at the latest, although it was busy.
+        """
         live, now = self._live, time.monotonic()
         rest = min(_REST * (now - self._busy_since), _LONGEST_REST)
         self._busy_since = math.inf
         if rest > 0:
-            live.sleep(min(now + rest, until))
+            live.sleep(min(now + rest, until, rested))
         if not live.wait(until):
             return []
         self._busy_since = time.monotonic()

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from .events import Severity
-    from .expectations import Expectations
+    from .expectations import Expectation, Expectations
 
 Integers: TypeAlias = npt.NDArray[np.int64]
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -171,6 +171,22 @@ class _Kind:
         self.worst = np.concatenate([self.worst, np.zeros(len(new))])
         self.judged = self.judged or not free.all()
 
+    def change(self, limits: Sequence[float | None], since: Integers, now: int) -> list[int]:
+        """Give the subjects other limits; return those whose limit is another one.
+
+        Their silences count from `since`; NEVER: not yet.
+        """
+        new = _Kind(self.name)
+        new.add(limits, [False] * len(limits), now)
+        changed = new.limits != self.limits
+        changed &= ~(np.isnan(new.limits) & np.isnan(self.limits))
+        self.due[changed] = NEVER
+        self.broken[changed] = False
+        waits = changed & (since < NEVER) & (new.lengths < NEVER) & self.silence
+        self.due[waits] = np.maximum(new.lengths[waits] + since[waits], now)
+        self.limits, self.lengths, self.judged = new.limits, new.lengths, new.judged
+        return np.flatnonzero(changed).tolist()
+
 
 @dataclass(frozen=True, slots=True)
 class _Draft:
@@ -207,7 +223,7 @@ class Judge:
     def __init__(self, expectations: Expectations, start: int) -> None:
         self._expectations, self._limits = expectations, edge_limits(expectations)
         self._by_stamps = expectations.clock == "stamps"
-        self._now = self._start = start
+        self._now = start
         self.active: dict[tuple[str, int], Event] = {}
         """The events that have begun and not ended, by kind and number of the subject."""
         self.edges: dict[tuple[str, str], int] = {}
@@ -229,6 +245,8 @@ class Judge:
         """By edge: the number of the list of its authorities."""
         self._ranks = np.zeros((1, 0), dtype=np.int64)
         """By list and authority: 0 for the strongest or an unknown one, -1 for a foreign one."""
+        self._seen = np.zeros(0, dtype=bool)
+        """By edge: whether it has had a sample."""
         self._newest = np.zeros(0, dtype=np.int64)
         """By edge: the newest stamp; -1: none."""
         self._ahead = np.zeros(0, dtype=np.int64)
@@ -241,9 +259,7 @@ class Judge:
         """By edge: how far behind the last sample and the one before are, where that is far."""
         self._poses = np.zeros((0, 7))
         """By edge: the pose of the newest stamp."""
-        exact = [(each.parent, each.child) for each in expectations.edges if each.is_exact]
-        self._add_edges(exact, begun=True)
-        self._add_authorities(list(expected_authorities(expectations)), begun=True)
+        self._wait_for_expected()
 
     def number_edges(self, parents: Sequence[str], children: Sequence[str]) -> Integers:
         """Return the numbers of edges; new ones are judged from now on."""
@@ -260,6 +276,7 @@ class Judge:
         if (np.diff(rows.arrivals) < 0).any():
             raise InvalidArray("arrivals decrease within a batch; sort the rows by arrival")
         drafts = self._go_back(int(rows.arrivals[0]))
+        self._seen[rows.edges] = True
         groups = Groups.of(rows.edges)
         kinds = self._kinds
         if kinds["missing"].judged:
@@ -280,6 +297,15 @@ class Judge:
         drafts += self._judge_motion(rows, groups)
         return self._finish(drafts, int(rows.arrivals[-1]), rows)
 
+    def feed_held(self, rows: Rows) -> list[Event]:
+        """Judge samples that a store had already, as if they arrived now.
+
+        When they did arrive, their stamps may have been on time.
+        """
+        events = self.feed(rows)
+        self._ahead[rows.edges] = np.maximum(self._ahead[rows.edges], 0)
+        return events
+
     def advance(self, now: int) -> list[Event]:
         """Judge the time until now, nanoseconds: what did not arrive."""
         return self._finish(self._go_back(now), now, None)
@@ -294,32 +320,63 @@ class Judge:
         self._skew[chosen] = 0
         self._far[:, chosen] = 0
 
+    def change(self, expectations: Expectations) -> None:
+        """Judge by other expectations, of the same clock, from now on.
+
+        What is expected as before goes on. Of a limit that changes or ends, the event that has
+        begun is forgotten.
+        """
+        self._expectations, self._limits = expectations, edge_limits(expectations)
+        self._severities = {"edge": [], "authority": [], "clock": [expectations.default.severity]}
+        exact = {(each.parent, each.child) for each in expectations.edges if each.is_exact}
+        found = [self._limits(*pair) for pair in self.edge_names]
+        begun = [pair in exact for pair in self.edge_names]
+        self._lists = {(): 0}
+        self._list_of = self._number_lists(found)
+        now, moves = np.full(len(found), self._now), self._newest >= 0
+        born = self._newest - self._skew if self._by_stamps else now
+        known = moves & (np.abs(born - self._now) <= ANOTHER_CLOCK)
+        since = {
+            "missing": np.where(self._seen, NEVER, now),
+            "deadline": np.where(moves, now, NEVER),
+            "lifespan": np.where(known, born, NEVER),
+        }
+        for name, limits in _limits_of_edges(found, begun).items():
+            self._change(name, limits, since.get(name, now))
+        alive = self._limits_of_authorities(self.authority_names)
+        self._change("liveliness", alive, np.full(len(alive), self._now))
+        self._wait_for_expected()
+
+    def next_due(self) -> int | None:
+        """Return the last time at which nothing new has begun or ended, if no sample comes.
+
+        None: nothing is waited for.
+        """
+        judged = (kind for kind in self._kinds.values() if len(kind.due))
+        due = min(int(k.due[k.broken != k.silence].min(initial=NEVER)) for k in judged)
+        return None if due == NEVER else due
+
+    def _change(self, name: str, limits: Sequence[float | None], since: Integers) -> None:
+        for subject in self._kinds[name].change(limits, since, self._now):
+            self.active.pop((name, subject), None)
+
+    def _wait_for_expected(self) -> None:
+        """Wait for the edges and authorities that are named, and not known yet."""
+        edges = [(each.parent, each.child) for each in self._expectations.edges if each.is_exact]
+        self._add_edges([each for each in edges if each not in self.edges], begun=True)
+        names = expected_authorities(self._expectations)
+        self._add_authorities([each for each in names if each not in self.authorities], begun=True)
+
     def _add_edges(self, pairs: Sequence[tuple[str, str]], *, begun: bool = False) -> None:
         found = [self._limits(*pair) for pair in pairs]
         for pair in pairs:
             self.edges[pair] = len(self.edge_names)
             self.edge_names.append(pair)
-        for each in found:
-            self._lists.setdefault(tuple(each.authority), len(self._lists))
-        lists = np.array([self._lists[tuple(each.authority)] for each in found], dtype=np.int64)
-        self._list_of = np.concatenate([self._list_of, lists])
-        self._rank()
-        self._severities["edge"] += [each.severity for each in found]
-        patience = [max(each.deadline or 0, PATIENCE / NS) if begun else None for each in found]
-        limits: dict[str, Sequence[float | None]] = {
-            "missing": patience,
-            "deadline": [each.deadline for each in found],
-            "lifespan": [each.lifespan for each in found],
-            "step": [each.max_step for each in found],
-            "speed": [each.max_speed for each in found],
-            "turn": [each.max_turn for each in found],
-            "late": [each.max_late for each in found],
-            "foreign-authority": [None] * len(found),
-            "failover": [None] * len(found),
-        }
-        for name, some in limits.items():
-            self._kinds[name].add(some, [name == "missing"] * len(found), self._start)
+        self._list_of = np.concatenate([self._list_of, self._number_lists(found)])
+        for name, limits in _limits_of_edges(found, [begun] * len(found)).items():
+            self._kinds[name].add(limits, [name == "missing"] * len(found), self._now)
         added = len(found)
+        self._seen = np.concatenate([self._seen, np.zeros(added, dtype=bool)])
         self._newest = np.concatenate([self._newest, np.full(added, -1)])
         self._ahead = np.concatenate([self._ahead, np.full(added, -NEVER)])
         self._skew = np.concatenate([self._skew, np.zeros(added, dtype=np.int64)])
@@ -328,14 +385,26 @@ class Judge:
         self._poses = np.concatenate([self._poses, np.zeros((added, 7))])
 
     def _add_authorities(self, names: Sequence[str], *, begun: bool = False) -> None:
-        found = [limits_of_authority(self._expectations, name) if name else None for name in names]
+        limits = self._limits_of_authorities(names)
         for name in names:
             self.authorities[name] = len(self.authority_names)
             self.authority_names.append(name)
         self._rank()
+        self._kinds["liveliness"].add(limits, [begun] * len(names), self._now)
+
+    def _limits_of_authorities(self, names: Sequence[str]) -> list[float | None]:
+        """Return their liveliness, and note their severities."""
+        found = [limits_of_authority(self._expectations, name) if name else None for name in names]
         self._severities["authority"] += [each.severity if each else {} for each in found]
-        limits = [each.liveliness if each else None for each in found]
-        self._kinds["liveliness"].add(limits, [begun] * len(found), self._start)
+        return [each.liveliness if each else None for each in found]
+
+    def _number_lists(self, found: Sequence[Expectation]) -> Integers:
+        """Number the lists of authorities of edges, and note their severities."""
+        for each in found:
+            self._lists.setdefault(tuple(each.authority), len(self._lists))
+        self._rank()
+        self._severities["edge"] += [each.severity for each in found]
+        return np.array([self._lists[tuple(each.authority)] for each in found], dtype=np.int64)
 
     def _rank(self) -> None:
         """Number the authorities of each list by strength."""
@@ -514,6 +583,27 @@ class Judge:
         if draft.begins:
             self.active[key] = event
         return event
+
+
+def _limits_of_edges(
+    found: Sequence[Expectation], begun: Sequence[bool]
+) -> dict[str, list[float | None]]:
+    """Return the limits of edges by kind; those that have not begun cannot be missing."""
+    least = PATIENCE / NS
+    return {
+        "missing": [
+            max(each.deadline or 0, least) if waits else None
+            for each, waits in zip(found, begun, strict=True)
+        ],
+        "deadline": [each.deadline for each in found],
+        "lifespan": [each.lifespan for each in found],
+        "step": [each.max_step for each in found],
+        "speed": [each.max_speed for each in found],
+        "turn": [each.max_turn for each in found],
+        "late": [each.max_late for each in found],
+        "foreign-authority": [None] * len(found),
+        "failover": [None] * len(found),
+    }
 
 
 def _numbers(

@@ -16,8 +16,8 @@ from tfdb.data.errors import TfdbError, UnknownFrame
 from tfdb.data.suggestions import first_few
 from tfdb.data.time_text import format_duration
 from tfdb.judging.events import ANOTHER_CLOCK
-from tfdb.judging.follower import Follower, held_rows, judge_state, judge_stretches
 from tfdb.judging.judge import Judge
+from tfdb.judging.live import LiveJudge
 from tfdb.store.explain import from_one_state
 from tfdb.store.summary import Forest, edge_summaries, find_gaps
 
@@ -114,13 +114,9 @@ class Model:
         self._since = time.monotonic_ns()
         self._gaps: OrderedDict[str, tuple[float, int, dict[str, Any]]] = OrderedDict()
         self._news: list[dict[str, Any]] = []
-        self._judge: Judge | None = None
+        self._judge: LiveJudge | None = None
         if live is not None and expected is not None:
-            with store.snapshot() as state:
-                live.commit = state.commit
-                self._judge = Judge(expected, live.now())
-                self._judge.feed(held_rows(self._judge, state, live.now()))
-            self._follower = Follower(live)
+            self._judge = LiveJudge(live, Judge(expected, live.now()))
         elif live is None:
             self.events.extend(map(_event, events))
             self.events.extend(_gap_events(store, _EVENTS - len(self.events)))
@@ -143,16 +139,10 @@ class Model:
 
     def judge(self) -> list[dict[str, Any]]:
         """Judge the commits since the last call by what is expected; return new events."""
-        judge, live = self._judge, self.live
-        if judge is None or live is None:
+        judge = self._judge
+        if judge is None:
             return []
-        missed = self._follower.missed
-        stretches = self._follower.read(0)
-        now = live.now()
-        found = judge_stretches(judge, stretches, now)
-        if self._follower.missed > missed:
-            found += judge_state(judge, live.store, now)
-        made = [_event(each) for each in found + judge.advance(now)]
+        made = [_event(each) for each in judge.take(judge.read(0))]
         self.events.extend(made)
         return made
 
@@ -320,7 +310,7 @@ class Model:
         """List what is broken now: the frame or empty, the severity, and the text."""
         if self._judge is None:
             return []
-        active = sorted(self._judge.active.values(), key=lambda event: event.rank)
+        active = sorted(self._judge.judge.active.values(), key=lambda event: event.rank)
         return [[each.child, each.severity, _text_of(each)] for each in active]
 
     def _stamp_of(self, newest: int) -> None:

@@ -1,0 +1,129 @@
+"""The class BufferExpectations: what a buffer is judged by; the arguments of `Buffer.expect`."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
+
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.lazy_names import belong_to
+from tfdb.data.stamps import shown
+
+from .expectations import Expectation, Expectations
+from .installed import Installed
+from .watcher import Watcher
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from tfdb._core import Buffer
+
+    from .event_stream import EventStream
+    from .events import Event
+
+__all__ = ["BufferExpectations"]
+
+
+class BufferExpectations:
+    """What a buffer is judged by, in the order of installation: `Buffer.expectations`."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        self._buffer = buffer
+        self._watcher = Watcher(buffer)
+        _all.add(self)
+
+    def __iter__(self) -> Iterator[Installed]:
+        return iter(tuple(self._watcher.installed))
+
+    def __len__(self) -> int:
+        return len(self._watcher.installed)
+
+    def __repr__(self) -> str:
+        return f"<tfdb.judging.BufferExpectations: {len(self)} installed>"
+
+    @property
+    def active(self) -> list[Event]:
+        """The events that have begun and not ended, the worst first."""
+        return self._watcher.active()
+
+    @property
+    def missed(self) -> int:
+        """How many commits went by unseen, because they came faster than they were read."""
+        return self._watcher.missed
+
+    @property
+    def on_event(self) -> Callable[[Event], object] | None:
+        """Function that is called with each event, in the thread that judges.
+
+        What it raises is logged by the logger `tfdb.expectations`, and stops nothing.
+        """
+        return self._watcher.on_event
+
+    @on_event.setter
+    def on_event(self, function: Callable[[Event], object] | None) -> None:
+        if function is not None and not callable(function):
+            raise TypeError(f"on_event must be callable, got {type(function).__name__}")
+        self._watcher.on_event = function
+
+    def drain(self, timeout: float | None = None) -> bool:
+        """Wait until all commits so far, and the time until now, are judged and their events given.
+
+        Parameters
+        ----------
+        timeout
+            Seconds; None: for ever.
+
+        Returns
+        -------
+        bool
+            False: the time is over.
+
+        Raises
+        ------
+        InvalidArgument
+            The timeout is negative, or this is `on_event`, which would wait for itself.
+        BufferClosed, NoSuchStore
+        """
+        if timeout is not None:
+            timeout = duration_to_nanoseconds(timeout, "timeout") / 1e9
+        return self._watcher.drain(timeout)
+
+    def _add(self, expectations: Expectations) -> Installed:
+        installed = Installed(expectations)
+        self._watcher.add(installed)
+        return installed
+
+    def _events(self, max_pending: int) -> EventStream:
+        return self._watcher.events(max_pending)
+
+
+def expectations_of(given: str | Expectations, child: str | None, limits: Any) -> Expectations:
+    """Return what the arguments of `Buffer.expect` expect."""
+    if isinstance(given, Expectations):
+        if child is not None or limits:
+            named = "child" if child is not None else next(iter(limits))
+            raise InvalidArgument(
+                f"{named} is given with Expectations, which hold all limits; give one of the two"
+            )
+        return given
+    if child is None:
+        raise InvalidArgument(
+            f"give parent and child, or Expectations; got {shown(given)} alone", value=given
+        )
+    return Expectations([Expectation(given, child, **limits)])
+
+
+_all: WeakSet[BufferExpectations] = WeakSet()
+
+
+def _forget_parent() -> None:
+    for each in list(_all):
+        each._watcher.abandon()
+        each._watcher = Watcher(each._buffer)
+
+
+os.register_at_fork(after_in_child=_forget_parent)
+
+belong_to("tfdb.judging", globals(), __all__)

@@ -1,0 +1,255 @@
+"""The thread that judges a buffer by its expectations."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+from weakref import WeakSet
+
+from tfdb._core import to_nanoseconds
+from tfdb.data.errors import (
+    BufferClosed,
+    FeedLapped,
+    InvalidArgument,
+    NoSuchStore,
+    TfdbError,
+    WatchClosed,
+)
+
+from .event_stream import LOGGER, EventStream
+from .expectations import joined
+from .judge import Judge
+from .live import LiveJudge
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb._core import Buffer, Watch
+
+    from .events import Event
+    from .installed import Installed
+
+__all__: list[str] = []
+
+_LEVELS = {
+    "ok": logging.INFO,
+    "warning": logging.WARNING,
+    "error": logging.ERROR,
+    "stale": logging.ERROR,
+}
+
+
+class _Source:
+    """A buffer as it is followed. `wake` ends a wait, from any thread."""
+
+    def __init__(self, buffer: Buffer, now: Callable[[], int]) -> None:
+        self.store = buffer
+        self.now = now
+        self.commit = 0
+        self._watch = self._new_watch()
+        self._woken = threading.Event()
+
+    def _new_watch(self) -> Watch:
+        watch = self.store.watch(every=True)
+        with suppress(FeedLapped):
+            watch.next(self.store.commit, 0, limit=1)  # it looks from its first call on
+        return watch
+
+    def wake(self) -> None:
+        self._woken.set()
+        old = self._watch
+        with suppress(TfdbError):  # where this thread may not make one, the other thread does
+            self._watch = self._new_watch()  # before the other ends: none misses a removed store
+        old.close()
+
+    def wait(self, until: float) -> bool:
+        left = None if math.isinf(until) else max(until - time.monotonic(), 0)
+        watch = self._watch
+        if not self._woken.is_set():
+            try:
+                watch.next(self.commit, left, limit=1)
+            except FeedLapped:
+                pass  # the read that follows counts what is lost
+            except WatchClosed:
+                if self._watch is watch:
+                    self._watch = self._new_watch()
+        self._woken.clear()
+        newest = self.store.commit
+        found, self.commit = newest > self.commit, newest
+        return found
+
+    def sleep(self, until: float) -> None:
+        self._woken.wait(max(until - time.monotonic(), 0))
+
+
+class Watcher:
+    """Judges one buffer by all that was installed.
+
+    The lock guards what comes and goes, and the judge. No callback runs under it.
+    """
+
+    def __init__(self, buffer: Buffer) -> None:
+        self._buffer = buffer
+        self._lock = threading.Condition()
+        self.installed: list[Installed] = []
+        self.on_event: Callable[[Event], object] | None = None
+        self._streams: WeakSet[EventStream] = WeakSet()
+        self._live: LiveJudge | None = None
+        self._source: _Source | None = None
+        self._pending: list[Event] = []  # that are to be told first
+        self._thread: threading.Thread | None = None
+        self._asked = 0
+        self._answered = 0
+
+    def add(self, installed: Installed) -> None:
+        """Judge by further expectations from now on."""
+        self._buffer.watch(every=True).close()  # this refuses what cannot be followed
+        now = _clock_of(self._buffer)
+        with self._lock:
+            if self._live is not None:
+                self._change(self._live, [*self.installed, installed])
+            else:
+                self._source = _Source(self._buffer, now)
+                self._live = LiveJudge(self._source, Judge(installed.expectations, now()))
+                self._pending = self._live.begun
+            self.installed.append(installed)
+            installed._remove = self.remove
+            if self._thread is None:
+                self._thread = threading.Thread(
+                    target=self._run, name="tfdb expectations", daemon=True
+                )
+                self._thread.start()
+            self._wake()
+
+    def remove(self, installed: Installed) -> None:
+        """Judge by what remains."""
+        with self._lock:
+            if installed.removed:
+                return
+            self.installed.remove(installed)
+            installed._remove = None
+            if self._live is not None and self.installed:
+                self._change(self._live, self.installed)
+            else:
+                self._live = None
+            self._wake()
+
+    def events(self, max_pending: int) -> EventStream:
+        """Return a stream of the events that follow."""
+        stream = EventStream(self._buffer, max_pending)
+        _ = self._buffer.commit  # it raises BufferClosed
+        with self._lock:
+            self._streams.add(stream)
+        return stream
+
+    @property
+    def missed(self) -> int:
+        """How many commits went by unseen."""
+        with self._lock:
+            return 0 if self._live is None else self._live.missed
+
+    def active(self) -> list[Event]:
+        """Return the events that have begun and not ended."""
+        with self._lock:
+            if self._live is None:
+                return []
+            return sorted(self._live.judge.active.values(), key=lambda event: event.rank)
+
+    def drain(self, timeout: float | None) -> bool:
+        """Wait until all commits so far, and the time until now, are judged and told."""
+        if threading.current_thread() is self._thread:
+            raise InvalidArgument("drain() in on_event would wait for that function itself")
+        until = None if timeout is None else time.monotonic() + timeout
+        _ = self._buffer.commit
+        with self._lock:
+            self._asked += 1
+            asked = self._asked
+            self._wake()
+            while self._thread is not None and self._answered < asked:
+                left = None if until is None else until - time.monotonic()
+                if not self._lock.wait(left):
+                    return False
+        _ = self._buffer.commit
+        return True
+
+    def abandon(self) -> None:
+        """Forget all in a child of fork, whose threads are gone."""
+        for installed in self.installed:
+            installed._remove = None
+        for stream in list(self._streams):
+            stream._abandon()
+
+    def _change(self, live: LiveJudge, installed: list[Installed]) -> None:
+        expectations = joined([each.expectations for each in installed])
+        self._pending += live.change(expectations)
+
+    def _wake(self) -> None:
+        if self._source is not None:
+            self._source.wake()
+
+    def _run(self) -> None:
+        try:
+            while self._step():
+                pass
+        except (BufferClosed, NoSuchStore) as error:
+            self._end(error)
+        except BaseException as error:
+            LOGGER.exception("the expectations of a buffer have ended")
+            self._end(error)
+
+    def _step(self) -> bool:
+        """Judge the next commits, or what is due. False: nothing is expected any more."""
+        with self._lock:
+            live, source, asked = self._live, self._source, self._asked
+            if live is None or source is None:
+                self._thread = self._source = None
+                self._lock.notify_all()
+                return False
+            newest, missed = self._buffer.commit, live.missed
+        stretches = live.read(0.0 if asked > self._answered else math.inf)
+        with self._lock:
+            if self._live is not live:
+                return True
+            events, self._pending = self._pending + live.take(stretches), []
+        if live.missed > missed:
+            text = "%d commits were missed: they come faster than they are read"
+            LOGGER.warning(text, live.missed - missed)
+        for event in events:
+            self._tell(event)
+        if source.commit >= newest:
+            with self._lock:
+                self._answered = asked
+                self._lock.notify_all()
+        return True
+
+    def _tell(self, event: Event) -> None:
+        LOGGER.log(_LEVELS[event.severity], "%s", event)
+        with self._lock:
+            streams = list(self._streams)
+        for stream in streams:
+            stream._put(event)
+        if (tell := self.on_event) is not None:
+            try:
+                tell(event)
+            except BaseException:  # an exit or Ctrl-C is not this thread's to obey
+                LOGGER.exception("on_event raised")
+
+    def _end(self, error: BaseException) -> None:
+        with self._lock:
+            for installed in self.installed:
+                installed._remove = None
+            self.installed = []
+            self._live = self._source = self._thread = None
+            streams = list(self._streams)
+            self._lock.notify_all()
+        for stream in streams:
+            stream._end(error)
+
+
+def _clock_of(buffer: Buffer) -> Callable[[], int]:
+    clock = buffer._clock
+    return time.time_ns if clock is None else lambda: to_nanoseconds(clock())

@@ -1,0 +1,467 @@
+"""Expectations of a live buffer: events at the right stamp, their ends, and what stops nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import logging
+import os
+import threading
+import time
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb.errors import BufferClosed, InvalidArgument, NoSuchStore, NotSupported, StreamClosed
+from tfdb.judging import AuthorityExpectation, Event, Expectation, Limits
+from tfdb.judging.judge import Judge
+from tfdb.judging.proposing import judge_recording, recorded_arrivals, span_of
+
+from .naive_judge import S
+from .test_judge import START, random_expectations, random_rows, rows_of, told
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+BAG = Path(__file__).parents[2] / "examples/data/pr2.bag"
+
+
+class Robot:
+    """A buffer with a simulated clock. Each step is judged before the next one."""
+
+    def __init__(self, **options: Any) -> None:
+        self.now = START
+        self.buf = tfdb.Buffer(clock=lambda: self.now, **options)
+
+    def wait(self, until: float) -> None:
+        self.now = START + round(until * S)
+        assert self.buf.expectations.drain(60)
+
+    def put(self, at: float, x: float = 0.0, authority: str = "ekf", child: str = "base") -> None:
+        self.wait(at)
+        self.buf.set_transform("odom", child, self.now, (x, 0, 0), authority=authority)
+        assert self.buf.expectations.drain(60)
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    made = Robot()
+    yield made
+    made.buf.close()
+
+
+def seen(stream: tfdb.judging.EventStream) -> list[tuple[str, str, float]]:
+    """The unread events: kind, severity, and seconds after START."""
+    events = list(iter(stream.read_next, None))
+    return [(e.kind, e.severity, round((e.time - START) / S, 9)) for e in events]
+
+
+def facts(event: Event) -> tuple[Any, ...]:
+    """All of an event but what differs between stores and recordings: the order of edges."""
+    known = dataclasses.asdict(event)
+    del known["commit"], known["authority"]
+    return tuple(known.values())
+
+
+def test_each_event_has_its_stamp_and_its_end(robot: Robot) -> None:
+    limits: Limits = {"deadline": 0.5, "lifespan": "800 ms", "max_step": 1, "max_turn": 1.0}
+    with robot.buf.events() as stream:
+        robot.buf.expect("odom", "base", authority=["ekf", "wheels"], liveliness=2, **limits)
+        robot.wait(1.2)
+        robot.put(1.25)
+        robot.put(1.3, x=3)
+        robot.put(1.4, x=3, authority="intruder")
+        robot.put(1.5, x=3, authority="wheels")
+        robot.wait(2.6)
+        robot.put(4.0, x=3)
+        assert seen(stream) == [
+            ("missing", "error", 1.0),
+            ("missing", "ok", 1.25),
+            ("step", "error", 1.3),
+            ("foreign-authority", "error", 1.4),
+            ("failover", "warning", 1.5),
+            ("deadline", "warning", 2.0),
+            ("lifespan", "stale", 2.3),
+            ("step", "ok", 2.3),
+            ("foreign-authority", "ok", 2.4),
+            ("failover", "ok", 2.5),
+            ("liveliness", "error", 3.3),
+            ("liveliness", "error", 3.5),
+            ("lifespan", "ok", 4.0),
+            ("liveliness", "ok", 4.0),
+            ("deadline", "ok", 4.0),
+        ]
+        assert [event.kind for event in robot.buf.expectations.active] == ["liveliness"]
+
+
+def played(expected: tfdb.Expectations, beyond: int) -> list[Event]:
+    """The events before a time, as the recording is played into a buffer."""
+    found: list[Event] = []
+    now, _ = span_of(recorded_arrivals([BAG]))
+    buf = tfdb.Buffer(history=None, clock=lambda: now)
+    buf.expectations.on_event = found.append
+    buf.expect(expected)
+    with tfdb.recordings.Recording(BAG) as recording:
+        for source, received, data in recording.messages():
+            if received > beyond:
+                break
+            now = max(now, received)
+            buf.expectations.drain()
+            static = source.topic == "/tf_static"
+            writer = source.authority
+            buf.ingest(data, encoding=source.encoding, static=static, authority=writer)
+            buf.expectations.drain()
+    buf.close()
+    return found
+
+
+def test_a_recording_that_is_played_gives_the_same_events() -> None:
+    limits: Limits = {"deadline": 0.03, "lifespan": 0.03, "max_step": 0.01, "max_turn": 0.01}
+    expected = tfdb.Expectations(default=Expectation(**limits))  # type: ignore[arg-type]
+    arrivals = recorded_arrivals([BAG])
+    beyond = span_of(arrivals)[0] + 3 * S
+    wanted = [event for event in judge_recording(arrivals, expected) if event.time < beyond]
+    found = [event for event in played(expected, beyond) if event.time < beyond]
+    assert len(wanted) > 50
+    assert sorted(map(facts, found)) == sorted(map(facts, wanted))
+
+
+def test_proposals_of_a_good_recording_are_met_when_it_is_played() -> None:
+    beyond = span_of(recorded_arrivals([BAG]))[0] + 3 * S
+    assert played(tfdb.judging.propose(BAG), beyond) == []
+
+
+def test_a_store_that_goes_on_after_a_pause_has_no_jump(robot: Robot) -> None:
+    robot.put(0)
+    robot.now += 60 * S
+    robot.buf.expect("odom", "base", max_step=1)
+    stream = robot.buf.events()
+    robot.put(60.1)
+    robot.put(60.2)
+    assert seen(stream) == []
+
+
+def test_by_the_system_clock_a_deadline_is_missed_without_a_commit() -> None:
+    with tfdb.Buffer() as buf, buf.events() as stream:
+        buf.set_transform("odom", "base", time.time_ns(), (1, 2, 3))
+        buf.expect("odom", "*", deadline=0.05)
+        event = stream.read_next(timeout=60)
+        assert event is not None
+        assert (event.kind, event.begins, event.value) == ("deadline", True, 0.05)
+        buf.set_transform("odom", "base", time.time_ns(), (1, 2, 3))
+        event = stream.read_next(timeout=60)
+        assert event is not None
+        assert (event.kind, event.begins, event.commit) == ("deadline", False, 2)
+
+
+def test_all_that_is_installed_is_judged_and_removed_alone(robot: Robot) -> None:
+    buf, stream = robot.buf, robot.buf.events()
+    robot.put(0)
+    first = buf.expect("odom", "base", deadline=0.5)
+    robot.wait(0.7)
+    second = buf.expect("odom", "arm", deadline=0.3)
+    third = buf.expect("*", "base", max_step=1, lifespan=2)
+    robot.put(1.0, child="arm")
+    robot.put(1.1, child="arm")
+    second.remove()
+    second.remove()
+    robot.put(1.6, x=5)
+    robot.put(1.7, x=9)
+    third.remove()
+    robot.put(1.8, x=5)
+    robot.wait(9)
+    assert seen(stream) == [
+        ("deadline", "warning", 0.5),
+        ("deadline", "ok", 1.6),
+        ("step", "error", 1.6),
+        ("deadline", "warning", 2.3),
+    ]
+    assert (first.removed, second.removed, list(buf.expectations)) == (False, True, [first])
+    (event,) = buf.expectations.active
+    assert event.count == 2
+
+
+def test_contradictions_are_refused(robot: Robot) -> None:
+    buf = robot.buf
+    kept = buf.expect("odom", "base", deadline=1)
+    buf.expect(tfdb.Expectations((), [AuthorityExpectation("ekf", 1.0)], Expectation(deadline=3)))
+    refused: list[tuple[Any, str]] = [
+        (tfdb.Expectations([Expectation("odom", "base")]), "odom -> base is expected twice"),
+        (tfdb.Expectations([Expectation("map", "base")]), "a frame has one parent"),
+        (tfdb.Expectations(default=Expectation(max_step=1)), "default is given twice"),
+        (tfdb.Expectations((), [AuthorityExpectation("ekf", 2.0)]), "ekf is expected twice"),
+        (tfdb.Expectations(clock="arrival"), "clock is 'stamps' of some"),
+    ]
+    for given, text in refused:
+        with pytest.raises(InvalidArgument, match=text):
+            buf.expect(given)
+    with pytest.raises(InvalidArgument, match="it must be positive"):
+        buf.expect("odom", "arm", deadline=0)
+    with pytest.raises(InvalidArgument, match="needs an authority; name one"):
+        buf.expect("odom", "arm", liveliness=1)
+    with pytest.raises(InvalidArgument, match="give parent and child, or Expectations"):
+        buf.expect("odom")  # type: ignore[call-overload]
+    with pytest.raises(InvalidArgument, match="deadline is given with Expectations"):
+        buf.expect(tfdb.Expectations(), deadline=1)  # type: ignore[call-overload]
+    with pytest.raises(TypeError, match="dedline"):
+        buf.expect("odom", "arm", dedline=1)  # type: ignore[call-overload]
+    assert len(buf.expectations) == 2
+    kept.remove()
+    with buf.expect("odom", "base", deadline=2) as again:
+        assert list(buf.expectations)[1] is again
+
+
+def test_a_callback_that_raises_stops_nothing(
+    robot: Robot, caplog: pytest.LogCaptureFixture
+) -> None:
+    told: list[str] = []
+
+    def fail(event: Event) -> None:
+        told.append(event.kind)
+        raise SystemExit("not this thread")
+
+    robot.buf.expectations.on_event = fail
+    robot.buf.expect("odom", "base", deadline=2, severity={"missing": "stale"})
+    with caplog.at_level(logging.INFO, "tfdb.expectations"):
+        robot.put(3)
+        robot.wait(6)
+    assert told == ["missing", "missing", "deadline"]
+    lines = [r for r in caplog.records if r.exc_info is None]
+    assert [r.levelname for r in lines] == ["ERROR", "INFO", "WARNING"]
+    assert "stale: odom -> base: missing 2 s (limit 2 s)" in lines[0].getMessage()
+    assert caplog.text.count("SystemExit: not this thread") == 3
+    with pytest.raises(TypeError, match="on_event must be callable"):
+        robot.buf.expectations.on_event = 3  # type: ignore[assignment]
+
+
+def test_a_callback_may_expect_and_remove_but_not_drain(robot: Robot) -> None:
+    buf, errors = robot.buf, list[str]()
+    first = buf.expect("odom", "base", deadline=1)
+
+    def change(event: Event) -> None:
+        if event.kind == "missing":
+            first.remove()
+            buf.expect("odom", "arm", deadline=5)
+            try:
+                buf.expectations.drain()
+            except InvalidArgument as error:
+                errors.append(str(error))
+
+    buf.expectations.on_event = change
+    robot.wait(1.5)
+    robot.wait(2)
+    assert errors == ["drain() in on_event would wait for that function itself"]
+    assert [repr(each) for each in buf.expectations] == ["<tfdb.judging.Installed: odom -> arm>"]
+
+
+def test_a_reader_that_does_not_read_loses_the_oldest(
+    robot: Robot, caplog: pytest.LogCaptureFixture
+) -> None:
+    slow, all_of_them = robot.buf.events(max_pending=3), robot.buf.events()
+    robot.buf.expect("odom", "base", max_step=1)
+    for second in range(0, 20, 2):
+        robot.put(second, x=second)
+    wanted = seen(all_of_them)
+    assert len(wanted) == 17
+    assert seen(slow) == wanted[-3:]
+    assert slow.missed == 14
+    assert caplog.text.count("a stream of events is not read: beyond 3") == 1
+    with pytest.raises(InvalidArgument, match="max_pending must be 1 or more"):
+        robot.buf.events(max_pending=0)
+
+
+def test_commits_that_are_missed_are_counted_and_the_rest_is_judged(robot: Robot) -> None:
+    buf, stream = robot.buf, robot.buf.events()
+    begun, over = threading.Event(), threading.Event()
+
+    def block(_: Event) -> None:
+        begun.set()
+        over.wait()
+
+    buf.expectations.on_event = block
+    buf.expect("odom", "base", max_step=1, max_turn=1)
+    robot.put(0)
+    robot.now += S
+    buf.set_transform("odom", "base", robot.now, (5, 0, 0))
+    begun.wait()
+    for i in range(20_000):
+        buf.set_transform("odom", "base", robot.now + i, (i, 0, 0))
+    over.set()
+    robot.put(9, x=19_999)
+    robot.put(10, x=0)
+    assert buf.expectations.missed == 20_000
+    assert seen(stream) == [
+        ("step", "error", 1.0),
+        ("step", "ok", 2.0),
+        ("step", "error", 10.0),
+    ]
+
+
+def test_streams_end_with_their_buffer(name: str) -> None:
+    buf = tfdb.Buffer()
+    idle, stream = buf.events(), buf.events()
+    buf.expect("odom", "base", max_step=1)
+    closer = threading.Timer(0, buf.close)
+    closer.start()
+    with pytest.raises(BufferClosed):
+        stream.read_next(timeout=None)
+    with pytest.raises(BufferClosed):
+        idle.read_next(timeout=None)
+    with pytest.raises(BufferClosed):
+        buf.events()
+    with pytest.raises(BufferClosed):
+        buf.expect("odom", "base", max_step=1)
+    with pytest.raises(BufferClosed):
+        buf.expectations.drain()
+    stream.close()
+    with pytest.raises(StreamClosed):
+        stream.read_next()
+    assert list(stream) == []
+
+    shared = tfdb.Buffer.open(name)
+    stream, installed = shared.events(), shared.expect("odom", "base", deadline=1e6)
+    tfdb.Buffer.unlink(name)
+    with pytest.raises(NoSuchStore):
+        stream.read_next(timeout=None)
+    assert installed.removed
+
+
+def test_a_stream_of_a_buffer_without_expectations_ends() -> None:
+    buf = tfdb.Buffer()
+    stream = buf.events()
+    threading.Timer(0, buf.close).start()
+    with pytest.raises(BufferClosed):
+        next(stream)
+
+
+def test_events_can_be_read_after_the_end(robot: Robot) -> None:
+    stream = robot.buf.events()
+    robot.buf.expect("odom", "base", deadline=2)
+    robot.wait(3)
+    robot.buf.close()
+    assert next(stream).kind == "missing"
+    with pytest.raises(BufferClosed):
+        next(stream)
+
+
+def test_an_asynchronous_reader_is_woken(robot: Robot) -> None:
+    async def read() -> list[str]:
+        kinds: list[str] = []
+        async with asyncio.timeout(60):
+            stream = robot.buf.events()
+            writer = asyncio.get_running_loop().run_in_executor(None, robot.put, 1.5)
+            async for event in stream:
+                kinds.append(event.kind)
+                if len(kinds) == 2:
+                    stream.close()
+            await writer
+        return kinds
+
+    robot.buf.expect("odom", "base", deadline=0.5)
+    assert asyncio.run(read()) == ["missing", "missing"]
+
+
+def test_a_child_of_fork_has_none(robot: Robot) -> None:
+    stream = robot.buf.events()
+    installed = robot.buf.expect("odom", "base", deadline=2)
+    pid = os.fork()
+    if pid == 0:
+        ok = stream.closed and installed.removed and len(robot.buf.expectations) == 0
+        os._exit(0 if ok else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+    robot.wait(3)
+    assert [kind for kind, _, _ in seen(stream)] == ["missing"]
+
+
+def test_a_thousand_come_and_go_under_load() -> None:
+    with tfdb.Buffer() as buf:
+        over = threading.Event()
+
+        def write() -> None:
+            for number in count():
+                if over.wait(0.0005):
+                    return
+                buf.set_transform("odom", "base", time.time_ns(), (number % 2, 0, 0))
+
+        writer = threading.Thread(target=write)
+        writer.start()
+        events = list[Event]()
+        buf.expectations.on_event = events.append
+        try:
+            for number in range(1000):
+                with buf.expect("odom", "base", max_step=0.5 + number % 2):
+                    pass
+            with buf.expect("odom", "base", max_step=0.5), buf.events() as stream:
+                assert stream.read_next(timeout=60) is not None
+        finally:
+            over.set()
+            writer.join()
+        assert buf.expectations.drain(60)
+        assert {event.kind for event in events} <= {"step", "two-clocks"}
+        assert len(buf.expectations) == 0
+        threads = [each for each in threading.enumerate() if each.name == "tfdb expectations"]
+        for each in threads:
+            each.join(60)
+            assert not each.is_alive()
+
+
+def test_a_clock_that_raises_ends_the_judgement_not_the_buffer(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    broken = False
+
+    def clock() -> int:
+        if broken:
+            raise ValueError("no time")
+        return START
+
+    with tfdb.Buffer(clock=clock) as buf, buf.events() as stream:
+        buf.expect("odom", "base", deadline=1)
+        broken = True
+        with pytest.raises(ValueError, match="no time"):
+            stream.read_next(timeout=60)
+        assert "the expectations of a buffer have ended" in caplog.text
+        broken = False
+        with buf.expect("odom", "base", deadline=1):
+            assert buf.expectations.drain(60)
+
+
+def test_an_engine_without_a_feed_is_refused() -> None:
+    with pytest.raises(NotSupported):
+        tfdb.Buffer(concurrency="silo").expect("odom", "base", deadline=1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_an_expectation_that_stays_goes_on_when_others_change(seed: int) -> None:
+    print(f"seed {seed}")
+    rng = np.random.default_rng(seed)
+    expected, rows = random_expectations(rng), random_rows(rng, 400)
+    extra = [*expected.edges, Expectation("nowhere", "new", deadline=1, severity={"missing": "ok"})]
+    more = dataclasses.replace(expected, edges=extra)
+    end = rows[-1].arrival + 5 * S
+    judge, other = Judge(expected, START), Judge(expected, START)
+    wanted = judge.feed(rows_of(judge, rows)) + judge.advance(end)
+    found: list[Event] = []
+    for at in range(0, len(rows), 50):
+        found += other.feed(rows_of(other, rows[at : at + 50]))
+        other.change(more if at % 100 else expected)
+    found += other.advance(end)
+    assert told(other, [e for e in found if e.child != "new"]) == told(judge, wanted)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_look_at_each_time_that_is_due_finds_every_event(seed: int) -> None:
+    print(f"seed {seed}")
+    rng = np.random.default_rng(seed)
+    judge, rows = Judge(random_expectations(rng), START), random_rows(rng, 100)
+    for each in rows:
+        while (due := judge.next_due()) is not None and due < each.arrival:
+            assert judge.advance(due) == []
+            events = judge.advance(due + 1)
+            assert events
+            assert {event.time for event in events} == {due}
+        judge.feed(rows_of(judge, [each]))
