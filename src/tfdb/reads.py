@@ -199,7 +199,8 @@ class Freezable(SharedReads):
         Reads of the frozen store return exactly what this state returns; its `commit` is the same.
         The file is written beside its name, brought to the disk and renamed, so it is complete or
         absent. Only the version of tfdb and the kind of machine that wrote it can read it: keep the
-        recording.
+        recording. The file lacks the feed of changes and the positions of sources
+        (`Buffer.positions`), so `apply` cannot go on with it.
 
         Parameters
         ----------

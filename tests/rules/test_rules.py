@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
+import subprocess
+import sys
 import threading
+import weakref
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -426,6 +430,51 @@ def test_close_ends_the_rules() -> None:
         buf.add_rule(lambda _: None, ("map", "base"))
     rule.remove()
     assert rule.removed
+
+
+def test_threads_end_with_the_last_rule_and_begin_with_the_next() -> None:
+    class Clock:
+        def __call__(self) -> int:
+            return 0
+
+    clock = Clock()
+    of_buffer = weakref.ref(clock)
+    before = set(threading.enumerate())
+    buf = tfdb.Buffer(clock=clock)
+    fired: list[int] = []
+    for _ in range(2):
+
+        def note(event: Event, its: tfdb.Buffer = buf) -> None:
+            fired.append(its.commit)
+
+        rule = buf.add_rule(note, "*")
+        put(buf, 1.0)
+        assert buf.rules.drain(60)
+        threads = set(threading.enumerate()) - before
+        assert len(threads) == 2  # one evaluates, one runs the action
+        rule.remove()
+        for thread in threads:
+            thread.join(60)
+            assert not thread.is_alive()
+    assert fired == [1, 2]
+    del buf, clock, rule, note
+    gc.collect()
+    assert of_buffer() is None
+
+
+def test_installed_rules_do_not_keep_the_program() -> None:
+    program = """if True:
+        import tfdb
+        buf = tfdb.Buffer()
+        buf.add_rule(lambda event: buf.snapshot(), ("map", "base"), fires="always")
+        for stamp in range(1, 3000):
+            buf.set_transform("map", "base", stamp, (stamp, 2, 3), (0.5, 0.5, 0.5, 0.5))
+        print(buf.commit)
+    """
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "2999\n", "")
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

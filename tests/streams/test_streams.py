@@ -409,6 +409,31 @@ def test_a_closed_buffer_ends_its_streams_with_an_error() -> None:
     stream.close()
 
 
+def test_an_idle_stream_keeps_no_memory() -> None:
+    """Its snapshot is renewed by each look, though no commit concerns it."""
+    buf = tfdb.Buffer(history=1e-6)
+    store(buf, ["quiet"], 0)
+    stamps = iter(range(10, 10**9, 10))
+
+    def write(commits: int) -> int:
+        for _ in range(commits):
+            store(buf, ["busy"], next(stamps))
+        return buf.memory().used_bytes
+
+    write(2000)
+    with buf.follow("quiet") as stream:
+        sizes = []
+        for _ in range(20):
+            assert stream.read_next() is None
+            sizes.append(write(1000))
+        assert max(sizes[10:]) <= max(sizes[:10])
+        assert write(5000) > max(sizes) + 1000 * 72  # without a look: 72 bytes for each sample
+        store(buf, ["quiet"], next(stamps))
+        sample = stream.read_next()
+        assert sample is not None
+        assert sample.transform.source == "quiet"
+
+
 def test_bad_arguments_are_refused() -> None:
     buf = tfdb.Buffer()
     store(buf, ["a"], 10)

@@ -46,7 +46,8 @@ _RENEWED = 1.0  # seconds: the held snapshot keeps no more than this of frames w
 class Dispatcher:
     """Evaluates the rules of one buffer, in the order of commits.
 
-    The lock guards what comes and goes. No predicate and no action runs under it.
+    The lock guards what comes and goes. No predicate and no action runs under it. Threads run, and
+    keep the buffer, only while rules are installed.
     """
 
     def __init__(self, buffer: Buffer) -> None:
@@ -181,6 +182,8 @@ class Dispatcher:
         if self._held is not None:
             self._held.close()
         self._held = self._watch = self._thread = None
+        self._by_subject = {}
+        self.pool.rest()
         self._lock.notify_all()
 
     def _step(self) -> bool:

@@ -49,6 +49,7 @@ class Pool:
         self._threads = 0
         self._idle = 0
         self._running = 0
+        self._rests = False
         self._ended = False
         self._local = threading.local()
 
@@ -153,6 +154,12 @@ class Pool:
             self._ready.clear()
             self.lock.notify_all()
 
+    def rest(self) -> None:
+        """Let the threads end, until the next event comes: no rule is installed."""
+        with self.lock:
+            self._rests = True
+            self.lock.notify_all()
+
     def _lane_of(self, rule: Rule) -> _Lane:
         if rule._overlap:
             return _Lane()
@@ -161,6 +168,7 @@ class Pool:
 
     def _make_ready(self, lane: _Lane, due: float) -> None:
         heapq.heappush(self._ready, (due, next(self._order), lane))
+        self._rests = False
         self._start_thread()
         self.lock.notify_all()  # others than workers wait for it as well
 
@@ -198,7 +206,8 @@ class Pool:
         """Wait for an event whose time has come. None: this thread ends."""
         with self.lock:
             while True:
-                if self._ended or self._threads > self._wanted:
+                rests = self._rests and not self._ready
+                if self._ended or rests or self._threads > self._wanted:
                     self._threads -= 1
                     return None
                 left = self._ready[0][0] - time.monotonic() if self._ready else None
