@@ -243,6 +243,8 @@ def check_contents(wheel: Path) -> None:
     )
     native = [name for name in names if name.endswith(".so")]
     wanted = {"tfdb/py.typed", "tfdb/_core.pyi", "tfdb_command/__init__.py"}
+    page = ("index.html", "style.css", "app.js", "scene.js", "tree.js", "three.js", "favicon.svg")
+    wanted |= {f"tfdb/view/page/{name}" for name in page}
     if strays or len(native) != 1 or not wanted <= set(names):
         sys.exit(f"{wheel.name}: does not belong there: {strays}; extensions: {native}")
     if (size := wheel.stat().st_size) > MOST_BYTES:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import json
 import os
 import random
 import signal
 import statistics
+import subprocess
+import sys
 import threading
 import time
-from contextlib import contextmanager
+import urllib.request
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,6 +56,28 @@ def child(work: Callable[[], None]) -> Iterator[int]:
     finally:
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
+
+
+def read_all(address: str) -> None:
+    """Read what the page's server sends, until somebody ends it."""
+    from websockets.sync.client import connect  # noqa: PLC0415 - for this row alone
+
+    with connect(address.replace("http:", "ws:") + "live", max_size=None) as viewer:
+        for _ in viewer:
+            pass
+
+
+def counts_of(address: str) -> dict[str, int]:
+    """Return the counts of the page's server."""
+    with urllib.request.urlopen(f"{address}metrics") as answer:
+        pairs = (line.split() for line in answer.read().decode().splitlines())
+        return {name.removeprefix("tfdb_view_"): int(value) for name, value in pairs}
+
+
+def cpu_of(pid: int) -> float:
+    """Seconds of CPU that a process has taken."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 class Contender(with_tfdb.Contender):
@@ -214,6 +240,44 @@ class Contender(with_tfdb.Contender):
                 if found < 90_000 * passed or stream.missed or stream.gone:
                     raise RuntimeError(f"{found} transforms of {passed:.3f} s were read")
                 return 100 * used / passed
+
+    def move_many(self, name: str) -> None:
+        """Commit 2,000 frames 30 times a second, until somebody ends it."""
+        buffer = tfdb.Buffer.open(name, create=False)
+        frames = [f"robot{i // 10}/link{i % 10}" for i in range(2000)]
+        parents = ["clock" if i % 10 == 0 else frames[i - 1] for i in range(2000)]
+        rows = np.tile([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8], (2000, 1))
+        while True:
+            began = time.perf_counter()
+            rows[:, 0] += 0.001
+            stamps = np.full(2000, time.time_ns())
+            buffer.set_transforms(tfdb.Columns(parents, frames, stamps, rows))
+            time.sleep(max(began + 1 / 30 - time.perf_counter(), 0))
+
+    def view_share(self, viewers: int, seconds: float) -> float:
+        """Percent of a core that `tfdb view` takes for 30 ticks a second of 2,000 moving frames."""
+        name = f"{self.name}_view"
+        words = ["view", f"shm:{name}", "--port", "0", "--no-open", "--json"]
+        with ExitStack() as stack:
+            stack.enter_context(tfdb.Buffer.open(name))
+            stack.callback(tfdb.Buffer.unlink, name)
+            stack.enter_context(child(lambda: self.move_many(name)))
+            command = [sys.executable, "-m", "tfdb.cli", *words]
+            server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            stack.callback(server.wait)
+            stack.callback(server.kill)
+            printed = iter(server.stdout or ())
+            text = "".join(itertools.takewhile(lambda line: line != "}\n", printed)) + "}"
+            address = json.loads(text)["address"]
+            for _ in range(viewers):
+                stack.enter_context(child(lambda: read_all(address)))
+            while counts_of(address)["ticks_total"] < 30:
+                time.sleep(0.1)
+            ticks, used = counts_of(address)["ticks_total"], cpu_of(server.pid)
+            time.sleep(seconds)
+            used = cpu_of(server.pid) - used
+            ticks = counts_of(address)["ticks_total"] - ticks
+        return 100 * used / max(ticks, 1) * 30
 
     def commits_beside_rules(self, rules: int, count: int) -> float:
         """Nanoseconds of a commit of ten while so many rules are on other frames."""

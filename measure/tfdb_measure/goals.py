@@ -352,6 +352,10 @@ def _sharing() -> Iterator[Goal]:
     for how, most in (("batches", None), ("samples", 20)):
         cell = shared(row, how)
         yield Goal(f"{row}: {how}", ITSELF, cell, goal=most, at_least=False, unit="%")
+    row = "CPU of the page's server, 2,000 moving frames at 30 Hz"
+    for viewers, most in (("1 viewer", 5), ("10 viewers", 10)):
+        cell = shared(row, viewers)
+        yield Goal(f"{row}: {viewers}", ITSELF, cell, goal=most, at_least=False, unit="%")
     row = "a commit of ten beside rules on other frames"
     text = "a commit of ten beside 1,000 rules on other frames, against none"
     yield at_most(text, 1.05, shared(row, "1,000 rules"), shared(row, "none"))

@@ -426,6 +426,7 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
     waits: Rounds = {"none": [], "10,000 waits": []}
     streams: Rounds = {"batches": [], "samples": []}
     rules: Rounds = {"none": [], "1,000 rules": []}
+    pages: Rounds = {"1 viewer": [], "10 viewers": []}
     for _ in range(rounds):
         for title, readers in zip(both, (1, 2), strict=True):
             both[title].append(1e-3 * owner.call("readers", readers, 0.5))
@@ -438,6 +439,8 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
             shares.append(owner.call("follow_share", how, 2.0 if many else 0.5))
         for title, installed in zip(rules, (0, 1_000), strict=True):
             rules[title].append(owner.call("commits_beside_rules", installed, 20 * count))
+        for title, viewers in zip(pages, (1, 10), strict=True):
+            pages[title].append(owner.call("view_share", viewers, 5.0 if many else 0.5))
     _add(results, "sharing", "lookups of reader processes together", 0, "kops/s", both)
     _add(
         results,
@@ -458,6 +461,8 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
     row = "CPU of a process that follows 100,000 transforms/s of another"
     _add(results, "sharing", row, 0, "%", streams)
     _add(results, "sharing", "a commit of ten beside rules on other frames", 0, "ns", rules)
+    row = "CPU of the page's server, 2,000 moving frames at 30 Hz"
+    _add(results, "sharing", row, 0, "%", pages)
     for row, function in (
         ("from a commit to a rule's action", "fires"),
         ("from a commit to a rule's action in another process", "fires_of_another_process"),

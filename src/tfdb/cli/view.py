@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import signal
 import sys
 import webbrowser
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -25,6 +26,8 @@ from .selecting import given, refuse_selection, selection_options
 from .times import NS
 
 if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
     from tfdb import Buffer
     from tfdb.judging.expectations import Expectations
     from tfdb.recordings.arrivals import RecordedArrivals
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
     from .graph import Live
 
 _PORT = 8470
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _KEPT = 60 * NS
 """How much of a graph is kept, to look back."""
 
@@ -105,7 +109,7 @@ def command(
     def serve(model: Model) -> None:
         server = Server(model, host=host, port=port, names=names)
         try:
-            asyncio.run(server.run(ready))
+            _run(server.run(ready))
         except OSError as error:
             raise _no_port(host, port, error) from error
 
@@ -119,6 +123,37 @@ def command(
         except tfdb.errors.BufferClosed:
             live.check()
             raise
+
+
+def _run(serving: Coroutine[Any, Any, None]) -> None:
+    """Run until a signal, whose handler is called then: not amid a task, which would print it."""
+    handlers = {number: signal.getsignal(number) for number in _SIGNALS}
+    came: list[int] = []
+
+    async def main() -> None:
+        task = asyncio.create_task(serving)
+
+        def end(number: int) -> None:
+            came.append(number)
+            task.cancel()
+
+        for number, handler in handlers.items():
+            if callable(handler):
+                asyncio.get_running_loop().add_signal_handler(number, end, number)
+        await task
+
+    try:
+        asyncio.run(main())
+    except asyncio.CancelledError:
+        if not came:
+            raise
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    for first in came[:1]:
+        handler = handlers[signal.Signals(first)]
+        if callable(handler):
+            handler(first, None)
 
 
 def _no_port(host: str, port: int, error: OSError) -> click.ClickException:

@@ -36,7 +36,7 @@ T = TypeVar("T")
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-_CHECKED = 500
+_CHECKED = 250
 """Parents that are compared in each tick at most; those of larger trees take turns."""
 _FAR = 1024.0
 """Metres: beyond, float32 rounds by more than 0.1 mm, and poses are sent relative to an origin."""
@@ -95,12 +95,14 @@ class Model:
         expected: Expectations | None = None,
         events: Iterable[Event] = (),
     ) -> None:
-        self.store, self.source, self.live = store, source, live
+        self.store: Buffer = store
+        self.source: str = source
+        self.live: Followed | None = live
         self.events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self.judges: bool = expected is not None
-        self.commit = -1
+        self.commit: int = -1
         """The commit that was shown last."""
-        self.facts = ""
+        self.facts: str = ""
         """The newest facts, as a message."""
         self._opening = opening
         self._topologies: OrderedDict[Any, Topology] = OrderedDict()
@@ -208,6 +210,8 @@ class Model:
     def _poses_at(
         self, state: Snapshot, topology: Topology, stamp: int | None
     ) -> npt.NDArray[np.float32]:
+        if not topology.origins.any():
+            return state.lookup_edges(topology.moving_names, stamp, dtype=np.float32)
         poses = state.lookup_edges(topology.moving_names, stamp)
         poses[:, :3] -= topology.origins
         return poses.astype(np.float32)
