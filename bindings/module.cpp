@@ -1,6 +1,7 @@
 // tfdb._core: the table of contents of the extension.
 #include <nanobind/nanobind.h>
 
+#include "commit_messages.hpp"
 #include "errors.hpp"
 #include "fields.hpp"
 #include "messages.hpp"
@@ -30,6 +31,7 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_tf2_calls(module);
     tfdb::python::bind_helpers(module);
     tfdb::python::bind_sample_rows(module);
+    tfdb::python::bind_commit_messages(module);
     tfdb::python::add_signatures(module);
 }
 #undef PyInit__core

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from . import errors as errors
     from . import judging as judging
     from . import plot as plot
+    from . import recorder as recorder
     from . import recordings as recordings
     from . import robots as robots
     from . import ros as ros
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from .data.stamps import stamp
     from .data.types import Columns, TransformStamped
     from .judging.expectations import Expectations
+    from .recorder import Recorder, recorded_commits
     from .recordings.load import load
     from .trajectories.trajectory import Trajectory
     from .viewers.exporting import to_foxglove, to_rerun
@@ -87,6 +89,7 @@ __all__ = [
     "InvalidStamp",
     "Nearest",
     "Previous",
+    "Recorder",
     "Snapshot",
     "TfdbError",
     "TfdbWarning",
@@ -103,6 +106,7 @@ __all__ = [
     "encode_tf_message",
     "load",
     "open",
+    "recorded_commits",
     "stamp",
     "to_foxglove",
     "to_rerun",
@@ -121,6 +125,9 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
             "judging": (),
             "judging.expectations": ("Expectations",),
             "plot": (),
+            "recorder": (),
+            "recorder.recorded_commits": ("recorded_commits",),
+            "recorder.recorder": ("Recorder",),
             "recordings": (),
             "recordings.load": ("load",),
             "robots": (),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 how = sys.argv.pop(1)
-_bring_to_disk = new_file._bring_to_disk
+_bring_to_disk = new_file.bring_to_disk
 _unpack_file = packed_file.unpack_file
 
 
@@ -42,6 +42,6 @@ def unpack_file(path: Path, into: Path, *, salvage: bool = False) -> int:
     return lost
 
 
-new_file._bring_to_disk = bring_to_disk
+new_file.bring_to_disk = bring_to_disk
 packed_file.unpack_file = unpack_file
 tfdb_command.main()

@@ -102,6 +102,7 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
     "check": [(("bad.bag",), (BASE, ARM, ODOM, TABLE), 1), (("good.bag",), (), 0)],
     "expect": [(("good.bag", "-o", "e.toml", "--overwrite"), (), 0)],
     "watch": [(("shm:STORE", "--expect", "watched.toml", "--for", "0.1"), (MAP, ODOM), 1)],
+    "record": [(("STORE", "-o", "live.mcap", "--for", "0.01"), (), 0)],
     "gaps": [(("bad.bag",), (BASE, ARM), 0), (("good.bag",), (), 0)],
     "shm": [(("ls",), (), 0), (("info", "STORE"), (), 0)],
     "serve": [(("bag", "good.bag", "--into", "STORE", "--speed", "inf"), (), 0)],
@@ -151,6 +152,7 @@ def test_names_are_whole(
     (folder / "history.jsonl").write_text(json.dumps({"tfdb_history": 1}) + "\n")
     edge = f'parent = "{MAP}"\nchild = "{ODOM}"\nauthority = "/another_publisher"\n'
     (folder / "watched.toml").write_text(f"version = 1\n[[edge]]\n{edge}")
+    (folder / "live.mcap").unlink(missing_ok=True)
     monkeypatch.setenv("COLUMNS", str(columns))
     for arguments, names, code in RUNS[command]:
         given = [argument.replace("STORE", store) for argument in arguments]

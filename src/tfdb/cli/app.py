@@ -37,6 +37,7 @@ COMMANDS = {
     "watch": "Print an event when live data breaks an expectation or meets it again.",
     "gaps": "List the gaps of each edge: start, length, publishers before and after.",
     "shm": "List, inspect and remove the shared stores of this machine.",
+    "record": "Record each commit of a live store or graph into an .mcap, until Ctrl-C.",
     "serve": "Fill a shared store from a recording at its own pace, or from a live graph.",
     "static-publisher": "Publish static transforms from arguments, a URDF or a recording.",
     "change-notifier": "Report and publish when one frame has moved relative to another.",

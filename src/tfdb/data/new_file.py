@@ -50,17 +50,17 @@ def new_file(
     with _errors_name(path, work), _made(work):
         made = work / path.name
         yield made
-        _bring_to_disk(made)
+        bring_to_disk(made)
         if overwrite:
             if target.exists():
                 shutil.copymode(target, made)
             made.replace(target)
         else:
             try:
-                _take_name(made, target)
+                take_name(made, target)
             except FileExistsError:
                 raise refusal(path, EXISTS) from None
-        _bring_to_disk(target.parent)
+        bring_to_disk(target.parent)
 
 
 def temporary_folder() -> AbstractContextManager[Path]:
@@ -129,7 +129,8 @@ def _errors_name(path: Path, folder: Path) -> Iterator[None]:
         raise OSError(error.errno, said, str(path)) from error
 
 
-def _bring_to_disk(path: Path) -> None:
+def bring_to_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -141,7 +142,7 @@ def _bring_to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def _take_name(made: Path, target: Path) -> None:
+def take_name(made: Path, target: Path) -> None:
     """Rename the file; raises `FileExistsError` if the name is taken."""
     try:
         os.link(made, target)

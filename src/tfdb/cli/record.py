@@ -1,0 +1,190 @@
+"""``tfdb record``: the commits of a live store or graph as an MCAP file."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from dataclasses import fields
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_duration
+from tfdb.recordings.selection import Selection
+
+from . import common, layout, output
+from .graph import STORE, live_source, node_option
+from .groups import SuggestingCommand
+from .selecting import given, selection_options
+from .times import NS, duration_option
+
+if TYPE_CHECKING:
+    from tfdb.recorder import Recorder
+
+    from .graph import Live
+
+_KEPT = 10 * NS
+_LOOK = 0.2
+"""Seconds between two looks at whether the source is there."""
+_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*(?:([kMGT]?)(i?)B)?", re.IGNORECASE)
+_rename_option = partial(
+    selection_options, without=[each.name for each in fields(Selection) if each.name != "rename"]
+)
+
+
+def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+    """Click's callback for bytes: `1000`, `256MB`, `1.5GiB`."""
+    if value is None or ctx.resilient_parsing:
+        return None
+    match = _SIZE.fullmatch(value.strip())
+    size = 0
+    if match is not None:
+        base = 1024 if match[3] else 1000
+        size = round(float(match[1]) * base ** " kmgt".index((match[2] or " ").lower()))
+    if not 0 < size < 2**63:
+        text = f"{value!r} is no number of bytes: write 1000000, 256MB or 1GiB"
+        raise click.BadParameter(text, ctx, param)
+    return size
+
+
+@click.command("record", cls=SuggestingCommand)
+@click.argument("source", metavar="STORE|ros1:|ros2:")
+@click.option(
+    "-o",
+    "--output",
+    "out",
+    required=True,
+    type=click.Path(),
+    metavar="OUT.mcap",
+    help="Write this file. It is called OUT.mcap.part until it is complete.",
+)
+@click.option(
+    "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
+)
+@click.option(
+    "--flush",
+    metavar="SECONDS",
+    default="0.5",
+    show_default=True,
+    callback=duration_option,
+    help="Hand what is recorded to the system after this long: then it outlives this process.",
+)
+@click.option("--sync", is_flag=True, help="Bring it to the disk then, so that it outlives power.")
+@click.option(
+    "--split-size",
+    metavar="SIZE",
+    callback=size_option,
+    help="Go on in another file beyond this size: OUT_0.mcap, OUT_1.mcap and so on.",
+)
+@click.option(
+    "--split-time",
+    metavar="SECONDS",
+    callback=duration_option,
+    help="Go on in another file after this long.",
+)
+@click.option(
+    "--queue",
+    metavar="SIZE",
+    default="256MB",
+    show_default=True,
+    callback=size_option,
+    help="Keep at most this much that waits for the disk. Commits beyond it are lost.",
+)
+@click.option(
+    "--frame",
+    "frames",
+    multiple=True,
+    metavar="NAME",
+    help="Record only the edge from this frame to its parent; repeatable.",
+)
+@click.option(
+    "--exclude",
+    multiple=True,
+    metavar="NAME",
+    help="Leave out the edges from and to this frame; * and ? as in a shell. Repeatable.",
+)
+@_rename_option
+@node_option
+@common.json_option
+def command(
+    *,
+    source: str,
+    out: str,
+    length: int | None,
+    flush: int,
+    sync: bool,
+    split_size: int | None,
+    split_time: int | None,
+    queue: int,
+    frames: tuple[str, ...],
+    exclude: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Record each commit of a live store or graph into an .mcap, until Ctrl-C.
+
+    Example: tfdb record robot1 -o drive.mcap
+
+    Every reader of MCAP reads /tf and /tf_static. /tfdb/commits and /tfdb/state hold what these
+    messages cannot say, for tfdb.recorded_commits. When the process is killed or the disk is full,
+    OUT.mcap.part holds what was flushed; '--salvage' reads it.
+
+    Exit code: 0 at the end, also by Ctrl-C, 1 if commits were lost, 2 on an error.
+    """
+    from tfdb.recorder import Recorder  # noqa: PLC0415 - with its room
+
+    began = time.monotonic()
+    with live_source(source, history=_KEPT) as live:
+        recorder = Recorder(
+            live.store,
+            out,
+            frames=frames or None,
+            exclude=exclude,
+            flush=flush / NS,
+            sync=sync,
+            split_size=split_size,
+            split_time=None if split_time is None else split_time / NS,
+            queue=queue,
+            **given(),
+        )
+        if not as_json:
+            text = f"{source} into {out}; Ctrl-C ends it"
+            output.say(layout.wrap(layout.words(text, source, out)))
+        try:
+            _record(live, recorder, math.inf if length is None else began + length / NS)
+        except tfdb.errors.BufferClosed:
+            live.check()  # the end of its node closes it
+            raise
+        _show(recorder, source, time.monotonic() - began, as_json=as_json)
+    if recorder.lost:
+        click.get_current_context().exit(1)
+
+
+def _record(live: Live, recorder: Recorder, until: float) -> None:
+    with recorder:
+        try:
+            while (left := until - time.monotonic()) > 0 and not recorder.wait(min(left, _LOOK)):
+                live.check()
+        except KeyboardInterrupt:
+            pass  # the usual end
+
+
+def _show(recorder: Recorder, source: str, seconds: float, *, as_json: bool) -> None:
+    files = [str(path) for path in recorder.files]
+    if as_json:
+        body: dict[str, Any] = {
+            "source": source.removeprefix(STORE),
+            "files": files,
+            "commits": recorder.commits,
+            "lost": recorder.lost,
+            "bytes": recorder.size,
+            "seconds": round(seconds, 3),
+        }
+        output.emit_json("record", body)
+        return
+    text = f"{', '.join(files)}: {counted(recorder.commits, 'commit')}"
+    text += f", {recorder.size / 1e6:,.1f} MB, in {format_duration(round(seconds * NS))}"
+    output.say(layout.wrap(layout.words(text, *files)))

@@ -1,0 +1,91 @@
+"""The topics of a recorded MCAP file, and the bytes of its own two."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from tfdb.data.errors import NotSupported
+from tfdb.recordings.tf_definition import ROS2_TEXT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+TF = "/tf"
+TF_STATIC = "/tf_static"
+COMMITS = "/tfdb/commits"
+STATE = "/tfdb/state"
+LOST = "tfdb.lost"
+"""The metadata of commits that were not recorded."""
+SEQUENCES = 1 << 32
+"""A message has the number of its commit, without the higher bits."""
+
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", ROS2_TEXT)
+_RULE = "=" * 80
+# A type that every reader of ROS 2 knows: tools that copy or play all topics take these along.
+BYTES = (
+    "std_msgs/msg/UInt8MultiArray",
+    f"""\
+std_msgs/MultiArrayLayout layout
+uint8[] data
+{_RULE}
+MSG: std_msgs/MultiArrayLayout
+std_msgs/MultiArrayDimension[] dim
+uint32 data_offset
+{_RULE}
+MSG: std_msgs/MultiArrayDimension
+string label
+uint32 size
+uint32 stride
+""",
+)
+# CDR, little-endian: no dimensions, offset 0, the number of bytes.
+_HEAD = struct.Struct("<4sIII")
+_CDR = b"\0\1\0\0"
+
+
+def wrapped(data: bytes) -> bytes:
+    """Return the UInt8MultiArray of some bytes."""
+    return _HEAD.pack(_CDR, 0, 0, len(data)) + data
+
+
+def unwrapped(message: bytes) -> bytes:
+    """Return the bytes of a UInt8MultiArray that `wrapped` made. Raises ValueError for others."""
+    if len(message) < _HEAD.size or message[: _HEAD.size] != _HEAD.pack(
+        _CDR, 0, 0, len(message) - _HEAD.size
+    ):
+        raise ValueError("a message that tfdb did not record")
+    return message[_HEAD.size :]
+
+
+def numbers_of(sample: bytes) -> tuple[int, int]:
+    """Return after which commit the bytes of commits go on, and their last one; docs/wire.md.
+
+    Of a state both are its commit.
+    """
+    varints = _varints(sample, 36)
+    since = next(varints)
+    return since, since + (next(varints) if sample[5] == 1 else 0)
+
+
+def epoch_of(sample: bytes) -> bytes:
+    """Return the epoch of a sample's store, as the sample has it."""
+    return sample[8:32]
+
+
+def _varints(data: bytes, at: int) -> Iterator[int]:
+    while True:
+        number = shift = 0
+        while data[at] >= 0x80:
+            number |= (data[at] & 0x7F) << shift
+            shift += 7
+            at += 1
+        yield number | data[at] << shift
+        at += 1
+
+
+def missing(name: str, error: ImportError) -> NotSupported:
+    """Make the error of a missing library."""
+    return NotSupported(
+        f"tfdb.{name} needs mcap: pip install 'tfdb[recordings]' ({error})", reason="mcap"
+    )

@@ -1,0 +1,43 @@
+"""Selection of the frames that are recorded, and their new names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.recordings.edge_rules import EdgeRules
+from tfdb.recordings.selection import Choice, Selection
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+
+class ChosenNames:
+    """Tells of each frame what is recorded of it, for `messages_of_commits`. Threads: one."""
+
+    def __init__(
+        self,
+        frames: str | Iterable[str] | None,
+        exclude: str | Iterable[str],
+        rename: Mapping[str, str] | None,
+    ) -> None:
+        self._choice = Choice(Selection(frames=frames, exclude=exclude, rename=rename))
+        self._rules = EdgeRules(self._choice, None)
+        self._found: dict[str, tuple[str, bool] | None] = {}
+        self.is_all: bool = self._choice.is_idle
+
+    def __call__(self, frame: str) -> tuple[str, bool] | None:
+        """Return the new name, and whether the edge to its parent is kept; None: no edge is."""
+        if frame not in self._found:
+            kept = self._choice.frames
+            self._found[frame] = (
+                None
+                if self._rules.excludes_frame(frame)
+                else (self._rules.name(frame), kept is None or frame in kept)
+            )
+        return self._found[frame]
+
+    def unseen(self) -> list[str]:
+        """Return the names in the options that no frame had."""
+        choice = self._choice
+        left = {*(choice.frames or ()), *choice.rename} - self._found.keys()
+        return sorted(left | set(choice.exclude) - self._rules.used)

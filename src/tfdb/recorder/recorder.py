@@ -1,0 +1,433 @@
+"""The recorder: one thread follows the commits of a store, another writes them."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+import warnings
+from collections import deque
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+from tfdb._core import duration_to_nanoseconds, messages_of_commits
+from tfdb.data.argument_checks import check_count, check_flag, refuse_without, unknown_ending
+from tfdb.data.counting import counted
+from tfdb.data.errors import (
+    FeedLapped,
+    Gone,
+    RecordingError,
+    SnapshotTooOld,
+    TfdbWarning,
+    WatchClosed,
+)
+from tfdb.data.path_checks import check_path
+from tfdb.data.suggestions import first_few
+
+from .channels import missing, numbers_of
+from .chosen_names import ChosenNames
+
+if TYPE_CHECKING:
+    import pathlib
+    from collections.abc import Iterable, Mapping
+    from types import TracebackType
+    from typing import Self
+
+    from tfdb._core import Buffer, Snapshot
+
+    from .mcap_file import McapFile
+
+_READ = 1 << 20
+"""So many bytes of commits are read at once."""
+Messages: TypeAlias = "tuple[int, bytes | None, bytes | None, bytes | None]"
+"""Of one commit, or of a state: its number, and what `messages_of_commits` makes of it."""
+_REST = 0.002
+"""Seconds between two looks at a busy store: the times of messages are as exact."""
+_LOOK = 1.0
+"""Seconds between two looks at an idle store: a snapshot is not held for longer."""
+
+
+class _Item(NamedTuple):
+    """Commits that were read together, or a state."""
+
+    time: int
+    last: int
+    """The last commit that it says all of."""
+    messages: list[Messages]
+    size: int
+    is_state: bool = False
+    lost: int = 0
+    """How many commits before a state were not recorded."""
+
+
+class Recorder:
+    """Records the commits of a buffer into an MCAP file, until it is closed.
+
+    Use it in a `with` block, or call `close`. Each commit is one TFMessage on `/tf`, or one on each
+    of `/tf` and `/tf_static`; the lower 32 bits of its number are the messages' `sequence`. Commits
+    that TFMessages cannot say in full are also on `/tfdb/commits`. The newest state begins the
+    file, so commits that the buffer makes after the constructor has returned are recorded.
+    `recorded_commits` reads all back; every reader of MCAP reads `/tf` and `/tf_static`.
+
+    The file grows under its name with `.part`. What was flushed can be read when the process is
+    killed, or the disk is full: by `salvage=True` (`--salvage`).
+
+    Parameters
+    ----------
+    buffer
+        The store, also one that other processes share.
+    path
+        A name that ends in `.mcap`. It and its name with `.part` must be free.
+    frames
+        Record only the edges from these frames to their parents.
+    exclude
+        Leave out edges from and to these frames; * and ? as in a shell.
+    rename
+        New names of frames.
+    flush
+        Seconds until commits are handed to the system.
+    sync
+        Bring them to the disk then, so that they outlive a loss of power.
+    split_size, split_time
+        Go on in another file beyond so many bytes, or seconds. The files are then called
+        `NAME_0.mcap`, `NAME_1.mcap` and so on, and each begins with the newest state.
+    queue
+        Bytes that wait for the disk at most. Commits that find no room are lost: `lost` counts
+        them, the file says where, and a TfdbWarning comes at the end.
+
+    Raises
+    ------
+    RecordingError
+        Another ending, or a file has the name.
+    NotSupported
+        PyPI's mcap is not installed, or the buffer's engine keeps no feed.
+    InvalidArgument, TypeError
+        A value that a parameter does not take.
+    OSError
+        The file cannot be written.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        path: str | os.PathLike[str],
+        *,
+        frames: str | Iterable[str] | None = None,
+        exclude: str | Iterable[str] = (),
+        rename: Mapping[str, str] | None = None,
+        flush: float = 0.5,
+        sync: bool = False,
+        split_size: int | None = None,
+        split_time: float | None = None,
+        queue: int = 256 << 20,
+    ) -> None:
+        refuse_without(buffer, "buffer", "a Buffer", "commits_bytes", "snapshot")
+        self._path = check_path(path, RecordingError)
+        if self._path.suffix != ".mcap":
+            raise RecordingError(self._path, unknown_ending(str(self._path), (".mcap",)))
+        self._folder = self._path.absolute().parent
+        self._buffer = buffer
+        self._names = ChosenNames(frames, exclude, rename)
+        self._flush = duration_to_nanoseconds(flush, "flush") / 1e9
+        self._sync = check_flag("sync", sync)
+        self._split_size = None if split_size is None else check_count("split_size", split_size)
+        self._split_time = (
+            None if split_time is None else duration_to_nanoseconds(split_time, "split_time")
+        )
+        self._limit = check_count("queue", queue)
+        self._process = os.getpid()
+        self._files: list[pathlib.Path] = []
+        self._sizes: list[int] = []
+        self._commits = self._lost = 0
+        self._error: BaseException | None = None
+        self._ending, self._ended = threading.Event(), threading.Event()
+        self._wants_state = threading.Event()
+        self._changed = threading.Condition()
+        # Under `_changed`: None ends the items.
+        self._items: deque[_Item | None] = deque()
+        self._queued = 0
+        self._flushed = self._awaited = self._last = -1
+        self._splits = False  # with the next state
+        self._begin()
+
+    def _begin(self) -> None:
+        self._watch = self._buffer.watch((), every=True)
+        self._held = self._buffer.snapshot()
+        try:
+            self._watch.next(self._held.commit, 0)  # it looks from its first call on
+            self._position = self._since = self._held.commit
+            first = self._state(0)
+            self._file = self._open()
+        except BaseException:
+            self._watch.close()
+            self._held.close()
+            raise
+        self._put(first)
+        self._threads = [
+            threading.Thread(target=run, name=f"tfdb recorder: {name}", daemon=True)
+            for name, run in (("reads", self._read), ("writes", self._write))
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    # -- what users see ----------------------------------------------------------------------------
+
+    @property
+    def files(self) -> tuple[pathlib.Path, ...]:
+        """The files that are complete, under their names."""
+        return tuple(self._files)
+
+    @property
+    def commits(self) -> int:
+        """How many commits were recorded."""
+        return self._commits
+
+    @property
+    def lost(self) -> int:
+        """How many commits were not recorded, for they came faster than the disk takes them."""
+        return self._lost
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files that are flushed."""
+        last = 0 if self._file.path in self._files else self._file.size
+        return sum(self._sizes) + last
+
+    @property
+    def ended(self) -> bool:
+        """Whether it records no more: it was closed, or an error ended it, which `close` raises."""
+        return self._ended.is_set()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until it records no more, as `ended` says; False: it still does after `timeout`."""
+        left = None if timeout is None else duration_to_nanoseconds(timeout, "timeout") / 1e9
+        return self._ended.wait(left)
+
+    def flush(self) -> int:
+        """Wait until all commits that were made before are flushed. Returns the last of them.
+
+        Raises the error that ended the recording, and RecordingError after its end.
+        """
+        newest = self._buffer.commit
+        with self._changed:
+            self._awaited = max(self._awaited, newest)
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._flushed >= newest or self._ended.is_set())
+        if self._flushed < newest:
+            raise self._error or RecordingError(self._path, "the recording has ended")
+        return self._flushed
+
+    def close(self) -> None:
+        """Record the commits that were made before, and end the file.
+
+        Raises the error that ended the recording: of the disk, OSError; what the buffer raised.
+        What was read until then is in the file.
+        """
+        if os.getpid() != self._process:
+            return  # a child of `fork` records nothing
+        is_first = not self._ending.is_set()
+        self._ending.set()
+        self._watch.close()
+        for thread in self._threads:
+            thread.join()
+        self._held.close()
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+        if is_first:
+            self._warn()
+
+    def _warn(self) -> None:
+        if self._lost:
+            text = f"{counted(self._lost, 'commit')} were lost: they came faster than the disk"
+            text += " takes them, or than they are read; a larger queue= holds more"
+            warnings.warn(text, TfdbWarning, stacklevel=4)
+        if unseen := self._names.unseen():
+            text = f"no frame was called {first_few(unseen)}, which the options name"
+            warnings.warn(text, TfdbWarning, stacklevel=4)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # -- the thread that reads ---------------------------------------------------------------------
+
+    def _read(self) -> None:
+        try:
+            ending = False
+            while not ending and not self._ended.is_set():
+                ending = self._ending.is_set()  # then this round is the last
+                self._read_to(self._buffer.snapshot())
+                if self._wants_state.is_set() and not ending:
+                    with suppress(SnapshotTooOld):  # then with a later one
+                        self._put(self._state(0))
+                        self._wants_state.clear()
+                if not ending:
+                    self._wait()
+        except Exception as error:  # `close` raises it
+            self._fail(error)
+        finally:
+            self._put(None)
+
+    def _wait(self) -> None:
+        """Wait for a commit, or for `close`."""
+        self._ending.wait(_REST)
+        with suppress(FeedLapped, WatchClosed):  # the next read goes on from there
+            self._watch.next(self._position, _LOOK, limit=1)
+
+    def _read_to(self, taken: Snapshot) -> None:
+        """Queue the commits up to that of a snapshot, and hold it instead of the one before."""
+        try:
+            while self._position < taken.commit and not self._ended.is_set():
+                data = self._buffer.commits_bytes(
+                    self._position, max_commits=taken.commit - self._position, max_bytes=_READ
+                )
+                item = self._item(data)
+                if self._queued and self._queued + item.size > self._limit:
+                    taken.close()
+                    self._lose()
+                    return
+                self._put(item)
+                self._position = item.last
+                if item.messages:
+                    self._since = item.messages[-1][0]
+        except (FeedLapped, Gone):
+            taken.close()
+            self._lose()
+            return
+        self._held.close()
+        self._held = taken
+
+    def _lose(self) -> None:
+        """Go on from the newest state, once there is room for it."""
+        with self._changed:
+            self._changed.wait_for(lambda: 2 * self._queued <= self._limit or self._ended.is_set())
+        self._held.close()
+        self._held = self._buffer.snapshot()
+        newest = self._held.commit
+        state = self._state(newest - self._position)
+        self._lost += state.lost
+        self._position = self._since = newest
+        self._put(state)
+
+    def _state(self, lost: int) -> _Item:
+        """Make the state of the snapshot that is held."""
+        item = self._item(self._held.state_bytes(newest=1))
+        return item._replace(is_state=True, lost=lost)
+
+    def _item(self, data: bytes) -> _Item:
+        choose = None if self._names.is_all else self._names
+        messages = messages_of_commits(data, self._since, choose)
+        size = sum(len(each) for found in messages for each in found[1:] if each is not None)
+        return _Item(time.time_ns(), numbers_of(data)[1], messages, size)
+
+    def _fail(self, error: BaseException) -> None:
+        """Keep the first error."""
+        with self._changed:
+            self._error = self._error or error
+
+    # -- the queue ---------------------------------------------------------------------------------
+
+    def _put(self, item: _Item | None) -> None:
+        with self._changed:
+            self._items.append(item)
+            self._queued += 0 if item is None else item.size
+            self._changed.notify_all()
+
+    def _take(self, until: float) -> tuple[bool, _Item | None]:
+        """Return whether something came, and that."""
+        left = None if until == math.inf else max(until - time.monotonic(), 0)
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._is_awaited(), left)
+            if not self._items:
+                return False, None
+            item = self._items.popleft()
+            self._queued -= 0 if item is None else item.size
+            self._changed.notify_all()
+        return True, item
+
+    # -- the thread that writes --------------------------------------------------------------------
+
+    def _write(self) -> None:
+        try:
+            self._write_all()
+        except Exception as error:  # `close` raises it
+            self._file.abandon()
+            self._fail(error)
+        finally:
+            self._ended.set()
+            with self._changed:
+                self._items.clear()
+                self._queued = 0
+                self._changed.notify_all()
+
+    def _write_all(self) -> None:
+        due = math.inf
+        while True:
+            came, item = self._take(due)
+            if item is not None:
+                self._record(item)
+                self._last = item.last
+                if self._file.pending and due == math.inf:
+                    due = time.monotonic() + self._flush
+            elif came:
+                break
+            if self._file.pending and (time.monotonic() >= due or self._is_awaited()):
+                self._file.flush()
+            if not self._file.pending:
+                due = math.inf
+                with self._changed:
+                    self._flushed = self._last
+                    self._changed.notify_all()
+        self._end_file()
+        self._flushed = self._last
+
+    def _is_awaited(self) -> bool:
+        """Whether `flush` waits for what was written."""
+        return self._flushed < self._awaited <= self._last
+
+    def _record(self, item: _Item) -> None:
+        if item.is_state and self._splits:
+            self._end_file()
+            self._splits, self._file = False, self._open()
+        if item.lost:
+            self._file.write_lost(item.lost, item.last, item.time)
+        for each in item.messages:
+            self._file.write(item.time, each, is_state=item.is_state)
+        if item.is_state:
+            self._file.flush()
+        else:
+            self._commits += len(item.messages)
+            if not self._splits and self._is_full(item.time):
+                self._splits = True
+                self._wants_state.set()
+
+    def _is_full(self, now: int) -> bool:
+        begun = self._file.begun
+        return (self._split_size is not None and self._file.size >= self._split_size) or (
+            self._split_time is not None and begun is not None and now - begun >= self._split_time
+        )
+
+    def _open(self) -> McapFile:
+        """Open the next file."""
+        try:
+            from .mcap_file import McapFile  # noqa: PLC0415 - mcap is an extra
+        except ImportError as error:
+            raise missing("Recorder", error) from error
+        path = self._path
+        if self._split_size is not None or self._split_time is not None:
+            path = path.with_name(f"{path.stem}_{len(self._files)}{path.suffix}")
+        return McapFile(path, self._folder, sync=self._sync)
+
+    def _end_file(self) -> None:
+        self._file.close()
+        self._files.append(self._file.path)
+        self._sizes.append(self._file.size)

@@ -1,0 +1,435 @@
+"""`tfdb.Recorder`: what is in its files, and that stores made of them are equal."""
+
+from __future__ import annotations
+
+import os
+import threading
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+import tfdb
+from tests.test_changes import SEEDS, Writer, pose
+from tfdb import errors
+from tfdb.recorder import mcap_file
+
+from .reading import Message, applied, messages_of, metadata_of, state_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+TF = ("/tf", "/tf_static")
+
+
+def contents(path: Path) -> list[Message]:
+    """The TFMessages of the recorded commits: without time and number."""
+    return [each._replace(time=0, sequence=0) for each in messages_of(path, *TF)]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_recording_that_is_applied_and_recorded_again_is_equal(tmp_path: Path, seed: int) -> None:
+    history = 60e-9 if seed % 2 else None
+    source, copy = tfdb.Buffer(history=history), tfdb.Buffer(history=history)
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    writer = Writer(seed)
+    with tfdb.Recorder(source, first) as recorder:
+        for number in range(1500):
+            writer.act(source)
+            if number % 7 == 0:
+                source.set_transform("map", "late", 5 + number % 3, *pose(number), authority="x")
+            if number % 100 == 99:
+                recorder.flush()
+    assert writer.refused > 10
+    with tfdb.Recorder(copy, second) as again:
+        applied(first, copy)
+        assert state_of(copy) == state_of(source)
+    assert again.commits == recorder.commits > 500
+    assert contents(second) == contents(first)
+    assert len(messages_of(second, "/tfdb/commits")) == len(messages_of(first, "/tfdb/commits"))
+    assert state_of(applied(second, tfdb.Buffer(history=history))) == state_of(source)
+
+
+def test_what_a_file_holds(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    buf.set_static_transform("base", "camera", (0.2, 0, 1.1))
+    buf.set_transform("map", "odom", 5, *pose(1), authority="amcl")
+    buf.set_transform("map", "odom", 9, *pose(2), authority="amcl")
+    path = tmp_path / "drive.mcap"
+    with tfdb.Recorder(buf, path) as recorder:
+        assert (tmp_path / "drive.mcap.part").exists()
+        assert not path.exists()
+        buf.set_transform("odom", "base", 10, *pose(3))
+        with buf.transaction() as tx:
+            tx.set_transform("odom", "base", 12, *pose(4))
+            tx.set_static_transform("base", "lidar", (0, 0, 1))
+        buf.set_transform("odom", "base", 14, *pose(5), authority="ekf")
+        buf.remove_frames("lidar")
+        assert recorder.flush() == buf.commit
+    found = messages_of(path)
+    assert [(each.topic, each.sequence) for each in found] == [
+        ("/tfdb/state", 3),
+        ("/tf_static", 3),
+        ("/tf", 3),
+        ("/tf", 4),
+        ("/tf_static", 5),
+        ("/tf", 5),
+        ("/tfdb/commits", 6),
+        ("/tf", 6),
+        ("/tfdb/commits", 7),
+    ]
+    assert [each.child for each in found[1].transforms] == ["camera"]
+    assert [(each.child, each.stamp) for each in found[2].transforms] == [("odom", 9)]
+    transform = found[3].transforms[0]
+    assert (*transform.translation, *transform.rotation) == (*pose(3)[0], *pose(3)[1])
+    assert sorted(each.time for each in found) == [each.time for each in found]
+    assert (recorder.commits, recorder.lost, recorder.files) == (4, 0, (path,))
+    assert recorder.size == path.stat().st_size
+    assert recorder.ended
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_readers_of_others_and_ours(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    buf.set_static_transform("base", "camera", (0.2, 0, 1.1))
+    path = tmp_path / "drive.mcap"
+    with tfdb.Recorder(buf, path):
+        for i in range(100):
+            buf.set_transform("map", "base", 10**9 + i, *pose(i), authority="slam")
+    with AnyReader([path]) as reader:
+        topics = {each.topic: (each.msgtype, each.msgcount) for each in reader.connections}
+        assert topics["/tf"] == ("tf2_msgs/msg/TFMessage", 100)
+        assert topics["/tfdb/commits"] == ("std_msgs/msg/UInt8MultiArray", 100)
+        connections = [each for each in reader.connections if each.topic == "/tf_static"]
+        ((connection, _, data),) = reader.messages(connections)
+        message: Any = reader.deserialize(data, connection.msgtype)
+        assert message.transforms[0].transform.translation.z == 1.1
+    loaded = tfdb.load(path)
+    assert loaded.frame_info("base").samples == 100
+    assert np.array_equal(loaded.samples("base")[1], buf.samples("base")[1])
+    written = tmp_path / "again.bag"
+    tfdb.recordings.write_recording(written, loaded)
+    grown = tfdb.Buffer(history=None)
+    tfdb.recordings.follow_recording(grown, path)
+    assert grown.frame_info("base").samples == 100
+
+
+def test_each_commit_of_many_threads_is_recorded_once(tmp_path: Path) -> None:
+    buf = tfdb.Buffer(history=1e-3)
+    path = tmp_path / "drive.mcap"
+
+    def write(number: int) -> None:
+        for stamp in range(3000):
+            buf.set_transform("map", f"f{number}", stamp * 1000, *pose(stamp))
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(4)]
+    with tfdb.Recorder(buf, path, flush=0.01) as recorder:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert recorder.lost == 0
+    found = messages_of(path, "/tf")
+    assert [each.sequence for each in found] == list(range(1, 12_001))
+
+
+def test_a_chunk_holds_whole_commits(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    frames = [f"f{number:03}" for number in range(500)]
+    stamps = np.zeros(500, dtype=np.int64)
+    poses = np.random.default_rng(1).normal(size=(500, 7))
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    path = tmp_path / "drive.mcap"
+    with tfdb.Recorder(buf, path, flush=60.0):
+        for stamp in range(100):
+            batch = tfdb.Columns(["map"] * 500, frames, stamps + stamp, poses)
+            buf.set_transforms(batch, authority="all")
+    data = path.read_bytes()
+    part = tmp_path / "cut.mcap.part"
+    seen = set()
+    for size in range(len(data) // 10, len(data), len(data) // 10):
+        part.write_bytes(data[:size])
+        found = messages_of(part)
+        by_topic = [{m.sequence for m in found if m.topic == t} for t in ("/tf", "/tfdb/commits")]
+        assert by_topic[0] == by_topic[1]
+        seen.add(len(by_topic[0]))
+        copy = tfdb.Buffer()
+        for each in tfdb.recorded_commits(part, salvage=True):
+            copy.apply(each.data)
+        last = max(by_topic[0], default=0)
+        assert copy.lookup_latest_transform("map", "f000").stamp == last - 1 if last else True
+    assert len(seen) > 4
+    with pytest.raises(tfdb.errors.RecordingError, match="salvage"):
+        list(tfdb.recorded_commits(part))
+
+
+def test_frames_exclude_and_rename(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    buf.set_static_transform("base", "camera", (1, 0, 0), authority="urdf")
+    buf.set_static_transform("camera", "lens", (2, 0, 0))
+
+    def drive(path: Path, **options: Any) -> tfdb.Buffer:
+        with tfdb.Recorder(buf, path, **options):
+            for i in range(3):
+                stamp = buf.commit * 10
+                with buf.transaction() as tx:
+                    tx.set_transform("map", "base", stamp, *pose(i))
+                    tx.set_transform("base", "arm", stamp, *pose(i), authority="joints")
+            buf.clear()
+        return applied(path)
+
+    some = drive(tmp_path / "frames.mcap", frames=["base", "lens"])
+    assert some.frames() == ["base", "camera", "lens", "map"]
+    assert some.parent_of("camera") is None
+    assert len(messages_of(tmp_path / "frames.mcap", "/tfdb/commits")) == 1, "of the clear"
+    others = drive(tmp_path / "exclude.mcap", exclude=["cam*", "lens"])
+    assert others.frames() == ["arm", "base", "map"]
+    assert len(messages_of(tmp_path / "exclude.mcap", "/tfdb/commits")) == 4
+    named = drive(tmp_path / "rename.mcap", rename={"base": "z/base", "map": "world"})
+    assert named.frames() == ["arm", "camera", "lens", "world", "z/base"]
+    assert named.frame_info("camera").authority == "urdf"
+    loaded = tfdb.load(tmp_path / "rename.mcap")
+    assert loaded.lookup_latest_transform("z/base", "lens").translation.tolist() == [3, 0, 0]
+    assert loaded.parent_of("z/base") == "world"
+    with pytest.warns(tfdb.TfdbWarning, match="no frame was called 'nowhere'"):
+        drive(tmp_path / "none.mcap", frames=["base", "nowhere"])
+    recorder = tfdb.Recorder(buf, tmp_path / "same.mcap", rename={"map": "joint"})
+    buf.set_transform("map", "joint", 1, *STILL)
+    with pytest.raises(tfdb.InvalidArgument, match="would have the same name, 'joint'"):
+        recorder.close()
+    assert applied(tmp_path / "same.mcap").frames() == ["arm", "base", "camera", "joint", "lens"]
+
+
+def test_split_files_begin_with_the_state(tmp_path: Path) -> None:
+    buf = tfdb.Buffer(history=None)
+    buf.set_static_transform("base", "camera", (1, 0, 0), authority="urdf")
+    path = tmp_path / "drive.mcap"
+    rng = np.random.default_rng(2)
+    with tfdb.Recorder(buf, path, split_size=20_000, flush=0) as recorder:
+        stamp = 0
+        while len(recorder.files) < 3:
+            for _ in range(50):
+                stamp += 1
+                buf.set_transform("map", "base", stamp, rng.normal(size=3), STILL[1])
+            buf.clear()
+            recorder.flush()
+    files = list(recorder.files)
+    assert files[:2] == [tmp_path / "drive_0.mcap", tmp_path / "drive_1.mcap"]
+    assert sorted(tmp_path.iterdir()) == files
+    assert state_of(applied(files)) == state_of(buf)
+    for each in files:
+        assert applied(each).frame_info("camera").authority == "urdf"
+        assert messages_of(each)[0].topic == "/tfdb/state"
+        assert "camera" in tfdb.load(each).frames()
+    assert all(each.stat().st_size >= 20_000 for each in files[:-1])
+    assert recorder.size == sum(each.stat().st_size for each in files)
+
+
+def test_a_time_splits_files(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    with tfdb.Recorder(buf, tmp_path / "a.mcap", split_time=1e-6) as recorder:
+        stamp = 0
+        while len(recorder.files) < 2:
+            stamp += 1
+            buf.set_transform("map", "base", stamp, *STILL)
+            recorder.flush()
+    assert applied(list(recorder.files)).frame_info("base").newest == stamp
+
+
+def test_a_name_that_exists_is_refused(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    path = tmp_path / "drive.mcap"
+    path.write_text("mine")
+    with pytest.raises(errors.RecordingError, match="exists already"):
+        tfdb.Recorder(buf, path)
+    path.unlink()
+    part = tmp_path / "drive.mcap.part"
+    part.write_text("mine")
+    with pytest.raises(errors.RecordingError, match=r"drive\.mcap\.part: exists already"):
+        tfdb.Recorder(buf, path)
+    part.unlink()
+    recorder = tfdb.Recorder(buf, path)
+    path.write_text("mine")
+    with pytest.raises(errors.RecordingError, match=r"complete in .*drive\.mcap\.part"):
+        recorder.close()
+    assert path.read_text() == "mine"
+    assert applied(part).frames() == []
+    next_one = tmp_path / "b_1.mcap"
+    next_one.write_text("mine")
+    recorder = tfdb.Recorder(buf, tmp_path / "b.mcap", split_time=1e-6)
+    stamp = 0
+    while not recorder.ended:
+        stamp += 1
+        buf.set_transform("map", "base", stamp, *STILL)
+    with pytest.raises(errors.RecordingError, match=r"b_1\.mcap: exists already"):
+        recorder.close()
+    assert recorder.files == (tmp_path / "b_0.mcap",)
+    assert "base" in applied(tmp_path / "b_0.mcap").frames()
+    assert next_one.read_text() == "mine"
+
+
+@pytest.fixture
+def slow_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """A disk that takes nothing until the event is set."""
+    ready = threading.Event()
+    flush = mcap_file.McapFile.flush
+
+    def wait(file: mcap_file.McapFile) -> None:
+        assert ready.wait(60)
+        flush(file)
+
+    monkeypatch.setattr(mcap_file.McapFile, "flush", wait)
+    yield ready
+    ready.set()
+
+
+def test_commits_that_the_disk_does_not_take_are_counted(
+    tmp_path: Path, slow_disk: threading.Event
+) -> None:
+    buf = tfdb.Buffer(history=None)
+    buf.set_static_transform("base", "camera", (1, 0, 0))
+    path = tmp_path / "drive.mcap"
+    recorder = tfdb.Recorder(buf, path, flush=0, queue=10_000)
+    for stamp in range(5000):
+        buf.set_transform("map", "base", stamp, *pose(stamp), authority="slam")
+    buf.clear()
+    buf.set_transform("odom", "base", 6000, *pose(1), authority="slam")
+    slow_disk.set()
+    with pytest.warns(tfdb.TfdbWarning, match="were lost"):
+        recorder.close()
+    assert recorder.lost > 1000
+    assert recorder.commits + recorder.lost == 5002
+    lost = [about for name, about in metadata_of(path) if name == "tfdb.lost"]
+    assert sum(int(each["commits"]) for each in lost) == recorder.lost
+    copy = applied(path)
+    assert copy.frame_info("base").parent == "odom"
+    assert copy.frame_info("base").authority == "slam"
+    assert [each.children for each in [copy]]
+    states = messages_of(path, "/tfdb/state")
+    assert len(states) == len(lost) + 1
+    assert {each.sequence for each in messages_of(path, "/tf_static")} == {
+        each.sequence for each in states
+    }
+
+
+def test_a_buffer_that_is_closed_ends_the_recording(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    path = tmp_path / "drive.mcap"
+    recorder = tfdb.Recorder(buf, path)
+    buf.set_transform("map", "base", 1, *STILL)
+    recorder.flush()
+    buf.close()
+    assert recorder.wait(60)
+    with pytest.raises(errors.BufferClosed):
+        recorder.close()
+    recorder.close()
+    assert applied(path).frames() == ["base", "map"]
+
+
+def test_a_shared_store_that_is_removed_ends_the_recording(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "drive.mcap"
+    with tfdb.Buffer.open(name) as writer:
+        writer.set_transform("map", "base", 1, *STILL, authority="x")
+        with tfdb.Buffer.open(name, create=False, mode="r") as reader:
+            recorder = tfdb.Recorder(reader, path)
+            writer.set_transform("map", "base", 2, *STILL, authority="x")
+            recorder.flush()
+            tfdb.Buffer.unlink(name)
+            assert recorder.wait(60)
+            with pytest.raises(errors.NoSuchStore):
+                recorder.close()
+    assert applied(path).frame_info("base").newest == 2
+
+
+def test_a_child_of_fork_leaves_the_file_alone(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    path = tmp_path / "drive.mcap"
+    with tfdb.Recorder(buf, path) as recorder:
+        buf.set_transform("map", "base", 1, *STILL)
+        recorder.flush()
+        child = os.fork()
+        if child == 0:
+            recorder.close()
+            os._exit(0)
+        assert os.waitpid(child, 0)[1] == 0
+        assert not path.exists()
+        buf.set_transform("map", "base", 2, *STILL)
+    assert applied(path).frame_info("base").newest == 2
+
+
+def test_stamps_that_no_message_holds(tmp_path: Path) -> None:
+    buf = tfdb.Buffer(history=None)
+    path = tmp_path / "drive.mcap"
+    far = 2**31 * 10**9
+    with tfdb.Recorder(buf, path):
+        buf.set_transform("map", "base", far, *STILL)
+        with buf.transaction() as tx:
+            tx.set_transform("map", "arm", 1, *STILL)
+            tx.set_transform("map", "base", far + 1, *STILL)
+    assert [(each.topic, each.sequence) for each in messages_of(path)] == [
+        ("/tfdb/state", 0),
+        ("/tfdb/commits", 1),
+        ("/tfdb/commits", 2),
+        ("/tf", 2),
+    ]
+    assert state_of(applied(path)) == state_of(buf)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "text"),
+    [
+        ({"flush": -1}, tfdb.InvalidArgument, "flush"),
+        ({"queue": 0}, tfdb.InvalidArgument, "queue must be 1 or more"),
+        ({"split_size": 1.5}, tfdb.InvalidArgument, "split_size must be 1 or more"),
+        ({"split_time": float("nan")}, tfdb.InvalidArgument, "split_time"),
+        ({"sync": "no"}, tfdb.InvalidArgument, "sync is True or False"),
+        ({"frames": []}, tfdb.InvalidArgument, "frames is empty"),
+        ({"rename": "map"}, tfdb.InvalidArgument, "rename maps names"),
+    ],
+)
+def test_bad_options(
+    tmp_path: Path, options: dict[str, Any], error: type[Exception], text: str
+) -> None:
+    with pytest.raises(error, match=text):
+        tfdb.Recorder(tfdb.Buffer(), tmp_path / "drive.mcap", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_bad_buffers_and_paths(tmp_path: Path) -> None:
+    nothing: Any = None
+    with pytest.raises(TypeError, match="buffer is a Buffer"):
+        tfdb.Recorder(nothing, tmp_path / "drive.mcap")
+    with pytest.raises(errors.RecordingError, match=r"ends in none of \.mcap"):
+        tfdb.Recorder(tfdb.Buffer(), tmp_path / "drive.bag")
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        tfdb.Recorder(tfdb.Buffer(), tmp_path / "nowhere" / "drive.mcap")
+    with pytest.raises(errors.NotSupported):
+        tfdb.Recorder(tfdb.Buffer(concurrency="fine"), tmp_path / "drive.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_that_no_recorder_wrote(tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 1, *STILL)
+    tfdb.recordings.write_recording(other, buf)
+    with pytest.raises(errors.RecordingError, match="use tfdb"):
+        list(tfdb.recorded_commits(other))
+    rubbish = tmp_path / "rubbish.mcap"
+    rubbish.write_bytes(b"rubbish" * 100)
+    with pytest.raises(errors.RecordingError, match="damaged"):
+        list(tfdb.recorded_commits(rubbish))
+    with pytest.raises(FileNotFoundError):
+        list(tfdb.recorded_commits(tmp_path / "nowhere.mcap"))
+    path = tmp_path / "drive.mcap"
+    with tfdb.Recorder(buf, path):
+        for stamp in range(100):
+            buf.set_transform("map", "base", stamp, *pose(stamp))
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(errors.RecordingError, match="damaged"):
+        list(tfdb.recorded_commits(path))
