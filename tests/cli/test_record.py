@@ -158,7 +158,7 @@ assert copy.frame_info("base").newest == newest
 
 
 @pytest.mark.parametrize("how", ["disk", "limit"])
-def test_a_full_disk_keeps_what_was_flushed(tmp_path: Path, how: str) -> None:
+def test_a_full_disk_keeps_flushed_commits(tmp_path: Path, how: str) -> None:
     folder = tmp_path / "disk"
     folder.mkdir()
     program = tmp_path / "program.py"

@@ -13,6 +13,7 @@ from rosbags.highlevel import AnyReader
 import tfdb
 from tests.test_changes import SEEDS, Writer, pose
 from tfdb import errors
+from tfdb._core import commit_of_messages
 from tfdb.recorder import mcap_file
 
 from .reading import Message, applied, messages_of, metadata_of, state_of
@@ -53,7 +54,7 @@ def test_a_recording_that_is_applied_and_recorded_again_is_equal(tmp_path: Path,
     assert state_of(applied(second, tfdb.Buffer(history=history))) == state_of(source)
 
 
-def test_what_a_file_holds(tmp_path: Path) -> None:
+def test_the_messages_of_a_file(tmp_path: Path) -> None:
     buf = tfdb.Buffer()
     buf.set_static_transform("base", "camera", (0.2, 0, 1.1))
     buf.set_transform("map", "odom", 5, *pose(1), authority="amcl")
@@ -433,3 +434,26 @@ def test_files_that_no_recorder_wrote(tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(errors.RecordingError, match="damaged"):
         list(tfdb.recorded_commits(path))
+
+
+def test_numbers_of_commits_go_on_beyond_32_bits(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 1, *STILL)
+    with buf.snapshot() as snap:
+        state = snap.state_bytes()
+    one = tfdb.encode_tf_message([tfdb.TransformStamped("map", "base", 5, *STILL)])
+    first = 2**32 - 2
+    path = tmp_path / "drive.mcap"
+    whole = commit_of_messages(state[8:32], 0, first, one, None)
+    file = mcap_file.McapFile(path, tmp_path, sync=True)
+    file.write(7, (1, None, None, state), is_state=True)
+    file.write(8, (first, one, None, whole))
+    for number in range(first + 1, first + 5):
+        file.write(9, (number, one, None, None))
+    file.close()
+    found = list(tfdb.recorded_commits(path))
+    assert [each.commit for each in found] == [1, *range(first, first + 5)]
+    assert [each.sequence for each in messages_of(path, "/tf")] == [first, first + 1, 0, 1, 2]
+    for each in found:
+        buf.apply(each.data, source="other", prefix="other/")
+    assert buf.positions()[0].commit == first + 4

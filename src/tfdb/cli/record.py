@@ -46,7 +46,7 @@ def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -
         base = 1024 if match[3] else 1000
         size = round(float(match[1]) * base ** " kmgt".index((match[2] or " ").lower()))
     if not 0 < size < 2**63:
-        text = f"{value!r} is no number of bytes: write 1000000, 256MB or 1GiB"
+        text = f"{value!r} is not a size: write 1000000, 256MB or 1GiB"
         raise click.BadParameter(text, ctx, param)
     return size
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from tfdb.data.errors import NotSupported
 from tfdb.recordings.tf_definition import ROS2_TEXT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+Messages: TypeAlias = "tuple[int, bytes | None, bytes | None, bytes | None]"
+"""Of one commit, or of a state: its number, and what `messages_of_commits` makes of it."""
 
 TF = "/tf"
 TF_STATIC = "/tf_static"

@@ -19,7 +19,7 @@ from .channels import BYTES, COMMITS, LOST, SEQUENCES, STATE, TF, TF_STATIC, TRA
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .recorder import Messages
+    from .channels import Messages
 
 _CHUNK = 1 << 20
 """A chunk ends with the first commit beyond so many bytes: no commit is in two chunks."""

@@ -9,7 +9,7 @@ import time
 import warnings
 from collections import deque
 from contextlib import suppress
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import duration_to_nanoseconds, messages_of_commits
 from tfdb.data.argument_checks import check_count, check_flag, refuse_without, unknown_ending
@@ -36,12 +36,11 @@ if TYPE_CHECKING:
 
     from tfdb._core import Buffer, Snapshot
 
+    from .channels import Messages
     from .mcap_file import McapFile
 
 _READ = 1 << 20
 """So many bytes of commits are read at once."""
-Messages: TypeAlias = "tuple[int, bytes | None, bytes | None, bytes | None]"
-"""Of one commit, or of a state: its number, and what `messages_of_commits` makes of it."""
 _REST = 0.002
 """Seconds between two looks at a busy store: the times of messages are as exact."""
 _LOOK = 1.0
