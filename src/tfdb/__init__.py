@@ -126,7 +126,7 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
             "judging.expectations": ("Expectations",),
             "plot": (),
             "recorder": (),
-            "recorder.recorded_commits": ("recorded_commits",),
+            "recorder.commit_reader": ("recorded_commits",),
             "recorder.recorder": ("Recorder",),
             "recordings": (),
             "recordings.load": ("load",),

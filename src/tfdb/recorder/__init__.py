@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from tfdb.data.lazy_names import on_demand as _offer
 
 if TYPE_CHECKING:
-    from .recorded_commits import RecordedCommit, recorded_commits
+    from .commit_reader import RecordedCommit, recorded_commits
     from .recorder import Recorder
 
 __all__ = ["RecordedCommit", "Recorder", "recorded_commits"]
@@ -16,7 +16,7 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
     __getattr__, __dir__ = _offer(
         __name__,
         {
-            "recorded_commits": ("RecordedCommit", "recorded_commits"),
+            "commit_reader": ("RecordedCommit", "recorded_commits"),
             "recorder": ("Recorder",),
         },
     )

@@ -17,6 +17,7 @@ from tfdb.data.counting import counted
 from tfdb.data.errors import (
     FeedLapped,
     Gone,
+    NoSuchStore,
     RecordingError,
     SnapshotTooOld,
     TfdbWarning,
@@ -263,7 +264,7 @@ class Recorder:
         try:
             ending = False
             while not ending and not self._ended.is_set():
-                ending = self._ending.is_set()  # then this round is the last
+                ending = self._ending.is_set() or self._error is not None  # the last round
                 self._read_to(self._buffer.snapshot())
                 if self._wants_state.is_set() and not ending:
                     with suppress(SnapshotTooOld):  # then with a later one
@@ -279,8 +280,12 @@ class Recorder:
     def _wait(self) -> None:
         """Wait for a commit, or for `close`."""
         self._ending.wait(_REST)
-        with suppress(FeedLapped, WatchClosed):  # the next read goes on from there
+        try:
             self._watch.next(self._position, _LOOK, limit=1)
+        except (FeedLapped, WatchClosed):
+            return  # the next read goes on from there
+        except NoSuchStore as error:  # what was committed before can still be read
+            self._fail(error)
 
     def _read_to(self, taken: Snapshot) -> None:
         """Queue the commits up to that of a snapshot, and hold it instead of the one before."""
