@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -164,7 +165,8 @@ def test_a_full_disk_keeps_flushed_commits(tmp_path: Path, how: str) -> None:
     program = tmp_path / "program.py"
     limit = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
     mount = f"mount -t tmpfs -o size=160k none {folder}"
-    namespace = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
+    user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+    namespace = ["unshare", *user, "--mount", "sh", "-c"]
     if how == "disk" and subprocess.run([*namespace, mount], check=False).returncode:
         pytest.skip("this machine mounts nothing here")
     program.write_text((limit if how == "limit" else "") + FULL)
