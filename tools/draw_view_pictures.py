@@ -42,7 +42,7 @@ def feed(buf: tfdb.Buffer, stop: threading.Event) -> None:
     places[::10] = np.stack([robots % 20 * 2.5, robots // 20 * 2.5, 0 * robots], axis=1)
     turns = np.zeros((FRAMES, 4))
     began = time.monotonic()
-    while not stop.wait(0.1):
+    while not stop.wait(0.2):
         passed = time.monotonic() - began
         angles = 0.3 * np.sin(passed + np.arange(FRAMES))
         turns[:, 2], turns[:, 3] = np.sin(angles / 2), np.cos(angles / 2)
@@ -70,7 +70,7 @@ def main() -> None:
             page.call("Emulation.setEmulatedMedia", features=dark)
             page.open(served.address)
             page.until(READY)
-            page.run("tfdb.goTo(tfdb.state.start + 7500000000n)")
+            page.run("tfdb.goTo(tfdb.state.start + 6000000000n)")
             page.until("tfdb.state.shownAt !== null")
             page.run("tfdb.focus(tfdb.state.rowOf.get('l_gripper_tool_frame'))")
             page.until("tfdb.state.answer && tfdb.scene.trail.length")

@@ -48,7 +48,7 @@ _GAPS_AGE = 2.0
 """Seconds for which the gaps of an edge that still grows are kept."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Topology:
     """Frames in the order of the tree, with their parents; rows are numbers of frames."""
 
@@ -111,6 +111,9 @@ class Model:
         self._poses: npt.NDArray[np.float32]
         self._shown: tuple[Any, ...] = ()
         """Names, parents, kinds and static poses that the topology was made of."""
+        self._writers: tuple[Topology | None, tuple[str, ...], list[str], list[int]]
+        self._writers = None, (), [], []
+        """Of a topology and its edges' authorities: their names, and the number of each row."""
         self._turn = 0
         self._stamp = 0
         self._since = time.monotonic_ns()
@@ -288,9 +291,11 @@ class Model:
         newest, oldest = columns.newest[moving], columns.oldest[moving]
         known = newest >= 0
         self._stamp_of(int(newest.max(initial=0)))
-        authorities: dict[str, int] = {}
-        for name in columns.authorities:
-            authorities.setdefault(name, len(authorities))
+        if self._writers[:2] != (topology, columns.authorities):
+            numbers = {name: number for number, name in enumerate(set(columns.authorities))}
+            rows = [numbers[columns.authorities[each]] for each in topology.columns]
+            self._writers = topology, columns.authorities, list(numbers), rows
+        _, _, authorities, authority = self._writers
         now, own = self._now()
         self.facts = write_text(
             "facts",
@@ -305,8 +310,8 @@ class Model:
             newest=[str(each) if each >= 0 else None for each in newest.tolist()],
             late=columns.late[moving].tolist(),
             gap=as_numbers(columns.longest_gap[moving] / NS, 4),
-            authorities=list(authorities),
-            authority=[authorities[columns.authorities[each]] for each in topology.columns],
+            authorities=authorities,
+            authority=authority,
             broken=self._broken(),
         )
 

@@ -4,6 +4,8 @@ const HEIGHT = 22;
 const INDENT = 11;
 const NAME_ROOM = 230; // pixels that the indent leaves to a name, its signs and figures
 
+const TAIL = 9; // letters
+
 export const SIGNS = { fresh: "●", late: "▲", silent: "■", static: "◆", none: "○" };
 
 /** Lists frames. `world` gives names, parents, children, depths and facts by row. */
@@ -142,7 +144,15 @@ export class Tree {
     const word = this.query.trim().split(/\s+/)[0].toLowerCase();
     const at = word ? name.toLowerCase().indexOf(word) : -1;
     if (at < 0) {
-      set(element, name);
+      if (element.textContent === name && !element.querySelector("mark")) return;
+      // Names that are too long keep their ends, in which they differ.
+      const end = document.createElement("span");
+      end.className = "end";
+      end.textContent = name.length > 2 * TAIL ? name.slice(-TAIL) : "";
+      const start = document.createElement("span");
+      start.className = "start";
+      start.textContent = name.slice(0, name.length - end.textContent.length);
+      element.replaceChildren(start, end);
       return;
     }
     const found = document.createElement("mark");
