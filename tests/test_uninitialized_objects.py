@@ -72,7 +72,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "wait_for_commit": (0, 0),
     "watch": ("map",),
 }
-NONE = {"compact", "positions", "state_bytes", "tree_columns"}
+NONE = {"compact", "events", "positions", "state_bytes", "tree_columns"}
 NONE |= {"frames", "tree", "snapshot", "memory", "counters", "clear", "close", "abort"}
 NONE |= {"transaction", "__enter__", "_repr_html_"}
 

@@ -248,7 +248,7 @@ class Buffer(Freezable, _core.NativeBuffer):
         ------
         InvalidArgument
             The number is not 1 or more.
-        BufferClosed, TransactionActive
+        BufferClosed
         """
         return _buffer(self).expectations._events(max_pending)
 

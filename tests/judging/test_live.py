@@ -16,9 +16,11 @@ import numpy as np
 import pytest
 
 import tfdb
+from tfdb.cli.graph import Live
 from tfdb.errors import BufferClosed, InvalidArgument, NoSuchStore, NotSupported, StreamClosed
 from tfdb.judging import AuthorityExpectation, Event, Expectation, Limits
 from tfdb.judging.judge import Judge
+from tfdb.judging.live import LiveJudge
 from tfdb.judging.proposing import judge_recording, recorded_arrivals, span_of
 
 from .naive_judge import S
@@ -433,6 +435,22 @@ def test_a_clock_that_raises_ends_the_judgement_not_the_buffer(
 def test_an_engine_without_a_feed_is_refused() -> None:
     with pytest.raises(NotSupported):
         tfdb.Buffer(concurrency="silo").expect("odom", "base", deadline=1)
+
+
+def test_a_sample_between_two_looks_meets_a_deadline_in_doubt() -> None:
+    now, store = START, tfdb.Buffer()
+    store.set_transform("odom", "base", now, (0, 0, 0))
+    expected = tfdb.Expectations([Expectation("odom", "base", deadline=0.05)])
+    judge = LiveJudge(Live(store, lambda: now), Judge(expected, now))
+    kinds = []
+    for later in (0.06, 0.09, 0.2):
+        now += round(later * S)
+        store.set_transform("odom", "base", now, (0, 0, 0))
+        kinds.append([event.begins for event in judge.take(judge.read(0.0))])
+    # The last look is more than 0.1 s after the deadline.
+    assert kinds == [[], [], [True, False]]
+    now += round(0.06 * S)
+    assert [event.begins for event in judge.take(judge.read(0.0))] == [True]
 
 
 @pytest.mark.parametrize("seed", range(20))
