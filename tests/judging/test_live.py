@@ -403,7 +403,8 @@ def test_a_thousand_come_and_go_under_load() -> None:
             over.set()
             writer.join()
         assert buf.expectations.drain(60)
-        assert {event.kind for event in events} <= {"step", "two-clocks"}
+        # A thread that gets no processor for a second sees the stamps catch up: a jump.
+        assert {event.kind for event in events} <= {"step", "time-jump"}
         assert len(buf.expectations) == 0
         threads = [each for each in threading.enumerate() if each.name == "tfdb expectations"]
         for each in threads:

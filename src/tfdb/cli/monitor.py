@@ -148,10 +148,15 @@ class Watch:
         """Frames from the chain's source to its target, as far as they are known."""
         self.broken: str = ""
         """Why the chain is broken now."""
+        self._parents: dict[str, str] = {}
+        self._depths: dict[str, int] = {}
 
-    def depths(self) -> dict[str, int]:
-        """How deep each frame is in the tree, in its order."""
-        return {row.info.name: row.depth for row in Forest(self._store.tree()).rows()}
+    def depths(self, parents: dict[str, str]) -> dict[str, int]:
+        """How deep each frame is in the tree, in its order; `parents`: of frames seen so far."""
+        if parents != self._parents:
+            rows = Forest(self._store.tree()).rows()
+            self._parents, self._depths = parents, {row.info.name: row.depth for row in rows}
+        return self._depths
 
     def take_rows(self, rows: Rows) -> None:
         """Count and judge samples."""
@@ -337,7 +342,7 @@ class Screen:
         for event in events:
             if event.child not in frames or event.kind in CLOCKS:
                 yield _event_line(event)
-        depths = watch.depths()
+        depths = watch.depths({name: frame.parent for name, (frame, _) in frames.items()})
         place = {name: number for number, name in enumerate(depths)}
         names = sorted(frames, key=lambda name: place.get(name, -1))
         names.sort(key=lambda name: worst[name].rank if name in worst else _FINE)

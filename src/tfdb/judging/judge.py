@@ -279,7 +279,7 @@ class Judge:
         self._seen[rows.edges] = True
         groups = Groups.of(rows.edges)
         kinds = self._kinds
-        if kinds["missing"].judged:
+        if (kinds["missing"].due < NEVER).any():
             due = np.full(len(rows), NEVER)
             drafts += _silences(kinds["missing"], groups, rows.arrivals, due)
         if len(self._lists) > 1:
