@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,6 +14,7 @@ from tests.ros.commands import Command
 from tests.sharing.conftest import name
 
 import tfdb
+from tfdb.recorder.mcap_file import McapFile
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -111,6 +113,36 @@ def test_bad_arguments(
         given = [name if each == "STORE" else each for each in arguments]
         assert text in tool("record", *given, "--for", "0.01", code=2).error
     assert list(tmp_path.iterdir()) == [tmp_path / "taken.mcap"]
+
+
+def test_lost_commits_are_an_exit_code(
+    tool: Tool, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "drive.mcap"
+    written = threading.Event()
+    flush = McapFile.flush
+
+    def wait(file: McapFile) -> None:
+        assert written.wait(60)
+        flush(file)
+
+    monkeypatch.setattr(McapFile, "flush", wait)
+    with tfdb.Buffer.open(name) as buf:
+
+        def write() -> None:
+            while not (tmp_path / "drive.mcap.part").exists():
+                pass
+            for stamp in range(3000):
+                buf.set_transform("map", "base", stamp, *STILL)
+            written.set()
+
+        thread = threading.Thread(target=write)
+        thread.start()
+        options = ("--queue", "1kB", "--flush", "0", "--for", "1")
+        done = tool("record", name, "-o", path, *options, code=1)
+        thread.join()
+    assert "were lost" in done.err
+    assert tfdb.load(path).frame_info("base").newest == 2999
 
 
 def test_a_store_that_is_removed(tmp_path: Path, name: str) -> None:
