@@ -139,6 +139,7 @@ proof: $(STAMPS)/venv check relacy histories torture
 	$(CMAKE) --preset dev >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS) --target tfdb_sched
 	build/dev/bin/tfdb_sched --all
+	TFDB_KILLS=200 $(BIN)/python -m pytest -q tests/recorder/test_killed.py
 
 relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null
