@@ -314,6 +314,8 @@ def test_a_viewer_that_does_not_read_misses_ticks_and_delays_no_other() -> None:
             move(step)
             viewer.until_poses(lambda each, step=step: each.poses[0, 0] == step)
         assert step < 2000
+        buf.set_static_transform("map", "extra", (1, 2, 3), TURN)
+        viewer.until_text("event")
         step += 1
         move(step)
         viewer.until_poses(lambda each: each.poses[0, 0] == step)
@@ -321,6 +323,19 @@ def test_a_viewer_that_does_not_read_misses_ticks_and_delays_no_other() -> None:
         last = lazy.until_poses(lambda each: each.poses[-1, 0] == step)
         assert last.kind == 2
         assert len(last.rows) == len(names)
+        assert "extra" in lazy.tree["names"]
+        assert lazy.until_text("event")["text"] == "1 frame: 'extra'"
+        assert lazy.until_text("facts")["topology"] == last.topology
+
+
+def test_a_store_without_waits_is_followed() -> None:
+    buf = tfdb.Buffer(history=10, concurrency="2pl-no-wait")
+    buf.set_transform("map", "base", T0, (1, 2, 3), TURN)
+    with serving(Model(buf, "x", live=Live(buf))) as served, served.connect() as viewer:
+        viewer.until_text("facts")
+        buf.set_transform("map", "base", T0 + S, (4, 5, 6), TURN)
+        poses = viewer.until_poses(lambda each: each.poses[0, 0] == 4)
+        assert poses.rows == [1]
 
 
 def test_a_slow_rate_gives_all_poses_in_the_end(buf: tfdb.Buffer, served: Served) -> None:

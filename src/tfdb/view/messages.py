@@ -23,6 +23,8 @@ CHANGED, WHOLE, PAST = 1, 2, 3
 """Kinds of poses: rows that changed since the last ones, all rows, all rows at a past stamp."""
 MOST_BYTES = 1 << 16
 """Of a message of a viewer."""
+EVENTS = 500
+"""So many are kept, the newest ones."""
 FASTEST = 60
 """Poses a second that a viewer may ask for, at most."""
 _HEADER = struct.Struct("<IIqII")

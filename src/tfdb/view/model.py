@@ -21,7 +21,7 @@ from tfdb.judging.live import LiveJudge
 from tfdb.store.explain import from_one_state
 from tfdb.store.summary import Forest, edge_summaries, find_gaps
 
-from .messages import CHANGED, PAST, WHOLE, Lookup, as_numbers, write_poses, write_text
+from .messages import CHANGED, EVENTS, PAST, WHOLE, Lookup, as_numbers, write_poses, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -40,7 +40,10 @@ _CHECKED = 250
 """Parents that are compared in each tick at most; those of larger trees take turns."""
 _FAR = 1024.0
 """Metres: beyond, float32 rounds by more than 0.1 mm, and poses are sent relative to an origin."""
-_EVENTS = 500
+_REST = 0.5
+_LONGEST_REST = 5.0
+_SHARE = 50
+"""Facts rest so many times as long as they took: they take 2 % of a core, or more every 5 s."""
 _GAPS = 200
 _TRAIL = 240
 _TOPOLOGIES = 16
@@ -98,12 +101,14 @@ class Model:
         self.store: Buffer = store
         self.source: str = source
         self.live: Followed | None = live
-        self.events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
+        self.events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
         self.judges: bool = expected is not None
         self.commit: int = -1
         """The commit that was shown last."""
         self.facts: str = ""
         """The newest facts, as a message."""
+        self.rest: float = _REST
+        """Seconds until facts are told again if commits come."""
         self._opening = opening
         self._topologies: OrderedDict[Any, Topology] = OrderedDict()
         self._numbers = 0
@@ -124,14 +129,17 @@ class Model:
             self._judge = LiveJudge(live, Judge(expected, live.now()))
         elif live is None:
             self.events.extend(map(_event, events))
-            self.events.extend(_gap_events(store, _EVENTS - len(self.events)))
+            self.events.extend(_gap_events(store, EVENTS - len(self.events)))
         self.look()
 
     # The newest state.
 
     def look(self) -> None:
         """Read the newest state: the tree, the facts and all poses."""
+        began = time.monotonic()
         self._read(self._look)
+        took = time.monotonic() - began
+        self.rest = min(max(_SHARE * took, _REST), _LONGEST_REST)
 
     def tick(self) -> bytes:
         """Read the newest poses, and return those that changed; empty where none did."""
@@ -276,7 +284,7 @@ class Model:
             if names:
                 text = f"{counted(len(names), 'frame')}: {first_few(names)}"
                 found.append(_tree_event(kind, names[0], text, stamp))
-        for name in moved[:_EVENTS]:
+        for name in moved[:EVENTS]:
             text = f"{name}: parent {before[name] or 'none'} -> {now[name] or 'none'}"
             found.append(_tree_event("re-parented", name, text, stamp))
         self.events.extend(found)
@@ -305,6 +313,7 @@ class Model:
             end=str(int(newest[known].max())) if known.any() else None,
             now=str(now),
             clock=own,
+            rest=self.rest,
             rows=topology.moving.tolist(),
             rate=as_numbers(columns.rate[moving], 2),
             newest=[str(each) if each >= 0 else None for each in newest.tolist()],

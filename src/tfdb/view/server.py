@@ -9,6 +9,7 @@ import logging
 import secrets
 import socket
 import time
+from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,9 +20,10 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from tfdb.data.errors import TfdbError, WaitTimeout
+from tfdb.data.errors import NotSupported, TfdbError, WaitTimeout
 
 from .messages import (
+    EVENTS,
     FASTEST,
     MOST_BYTES,
     At,
@@ -41,10 +43,6 @@ VIEWERS = 32
 """So many at once; more get 503."""
 BACKLOG = 1 << 20
 """Bytes that a viewer may leave unread before it misses ticks."""
-_FACTS = 0.5
-"""Seconds between two messages of facts, at least."""
-_REST = 50
-"""Facts rest so many times as long as they took: they take 2 % of a core at most."""
 _GATHERS = 0.005
 """Seconds after a commit that was waited for: others often come with it, and the next tick is then
 late enough to find the next commit without a wait."""
@@ -85,15 +83,18 @@ class Viewer:
     """The tree that it has."""
     is_behind: bool = True
     """Whether it needs all poses, for it has missed some."""
+    lacks_facts: bool = False
+    missed: deque[str] = field(default_factory=lambda: deque(maxlen=EVENTS))
+    """Events that it could not get."""
     next: float = 0.0
     """When it may get poses again (monotonic), if it wants them seldom."""
     asked: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when it asks for another stamp."""
 
     @property
-    def backlog(self) -> int:
-        """Bytes that it has not read."""
-        return self.connection.transport.get_write_buffer_size()
+    def is_full(self) -> bool:
+        """Whether it has left too much unread."""
+        return self.connection.transport.get_write_buffer_size() > BACKLOG
 
     def tell(self, message: str | bytes) -> None:
         """Send without waiting; nothing happens if the connection is closed."""
@@ -189,10 +190,8 @@ class Server:
                 elif self._is_owed():
                     self._send(b"", began)
                 if events or (began >= facts and self._told != model.commit):
-                    looked = time.monotonic()
+                    facts = began + model.rest
                     model.look()
-                    took = time.monotonic() - looked
-                    facts = began + max(_FACTS, _REST * took)
                     if self._is_owed():
                         self._send(b"", began)
                     self._tell_facts([*events, *model.take_news()])
@@ -206,7 +205,7 @@ class Server:
         if model.judges or self._is_owed():
             timeout = _LOOK
         elif self._viewers and self._told != model.commit:
-            timeout = _FACTS
+            timeout = model.rest
         newest = model.store.commit
         if newest != after:
             return newest
@@ -214,6 +213,8 @@ class Server:
             await model.store.wait_for_commit_async(after, timeout)
         except WaitTimeout:
             return after
+        except NotSupported:  # this process may not wait at the store: it looks
+            await asyncio.sleep(1 / self._hz)
         await asyncio.sleep(_GATHERS)
         return model.store.commit
 
@@ -228,10 +229,16 @@ class Server:
     def _tell_facts(self, events: Sequence[Mapping[str, Any]]) -> None:
         model = self._model
         self._told = model.commit
-        for event in events:
-            self._tell(self._viewers, write_text("event", **event))
-        current = [each for each in self._viewers if each.topology is model.topology]
-        self._tell(current, model.facts)
+        texts = [write_text("event", **event) for event in events]
+        for viewer in self._viewers:
+            if viewer.is_full:
+                viewer.is_behind = viewer.lacks_facts = True
+                viewer.missed.extend(texts)
+                continue
+            for text in texts:
+                self._tell([viewer], text)
+            if viewer.topology is model.topology:
+                self._tell([viewer], model.facts)
 
     def _send(self, changed: bytes, now: float) -> None:
         """Send poses to viewers of the newest state: one message for all that are up to date."""
@@ -242,7 +249,7 @@ class Server:
         for viewer in self._viewers:
             if viewer.past is not None:
                 continue
-            if viewer.backlog > BACKLOG:
+            if viewer.is_full:
                 viewer.is_behind = True
                 self._counts["dropped"] += bool(changed)
             elif viewer.topology is not model.topology or (viewer.is_behind and now >= viewer.next):
@@ -258,12 +265,16 @@ class Server:
 
     def _send_whole(self, viewer: Viewer, whole: bytes) -> None:
         """Send all that a viewer needs to go on with what changes."""
-        viewer.is_behind = False
-        has_tree = viewer.topology is self._model.topology
+        if viewer.topology is not self._model.topology:
+            viewer.lacks_facts = True
         self._send_tree(viewer, self._model.topology)
         self._tell([viewer], whole)
-        if not has_tree:
+        for text in viewer.missed:
+            self._tell([viewer], text)
+        if viewer.lacks_facts:
             self._tell([viewer], self._model.facts)
+        viewer.missed.clear()
+        viewer.is_behind = viewer.lacks_facts = False
 
     def _send_tree(self, viewer: Viewer, topology: Topology) -> None:
         if viewer.topology is not topology:
@@ -316,10 +327,9 @@ class Server:
         elif isinstance(question, At):
             viewer.past = question.stamp
             if question.stamp is None:
-                self._send_tree(viewer, self._model.topology)
-                viewer.tell(self._model.facts)
-                viewer.is_behind = False
-                await viewer.connection.send(self._model.whole())
+                viewer.lacks_facts = True
+                self._send_whole(viewer, self._model.whole())
+                await viewer.connection.drain()
             else:
                 viewer.asked.set()
         else:

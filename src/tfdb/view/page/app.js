@@ -322,6 +322,7 @@ function takeFacts(facts) {
     });
     made.authority = facts.authority.map((each) => facts.authorities[each]);
     made.received = performance.now();
+    made.rest = facts.rest;
     state.facts = made;
   }
   judge();
@@ -333,7 +334,9 @@ function takeFacts(facts) {
 function ageOf(row) {
   const { facts } = state;
   if (!facts) return NaN;
-  const passed = state.hello.live ? (state.looked - facts.received) / 1000 : 0;
+  // Facts come again within their rest if any commit comes: later, all edges age.
+  const since = (state.looked - facts.received) / 1000;
+  const passed = state.hello.live && since > facts.rest + 1 ? since : 0;
   return Math.max(facts.age[row] + passed, 0);
 }
 

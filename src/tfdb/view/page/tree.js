@@ -148,7 +148,7 @@ export class Tree {
       // Names that are too long keep their ends, in which they differ.
       const end = document.createElement("span");
       end.className = "end";
-      end.textContent = name.length > 2 * TAIL ? name.slice(-TAIL) : "";
+      end.textContent = name.length > TAIL + 3 ? name.slice(-TAIL) : "";
       const start = document.createElement("span");
       start.className = "start";
       start.textContent = name.slice(0, name.length - end.textContent.length);
