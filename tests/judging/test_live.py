@@ -443,15 +443,19 @@ def test_a_sample_between_two_looks_meets_a_deadline_in_doubt() -> None:
     store.set_transform("odom", "base", now, (0, 0, 0))
     expected = tfdb.Expectations([Expectation("odom", "base", deadline=0.05)])
     judge = LiveJudge(Live(store, lambda: now), Judge(expected, now))
-    kinds = []
-    for later in (0.06, 0.09, 0.2):
+
+    def look(later: float, *, is_stored: bool = True) -> list[bool]:
+        nonlocal now
         now += round(later * S)
-        store.set_transform("odom", "base", now, (0, 0, 0))
-        kinds.append([event.begins for event in judge.take(judge.read(0.0))])
-    # The last look is more than 0.1 s after the deadline.
-    assert kinds == [[], [], [True, False]]
-    now += round(0.06 * S)
-    assert [event.begins for event in judge.take(judge.read(0.0))] == [True]
+        if is_stored:
+            store.set_transform("odom", "base", now, (0, 0, 0))
+        return [event.begins for event in judge.take(judge.read(0.0))]
+
+    assert look(0.06) == []
+    assert look(0.045, is_stored=False) == []  # the sample may have come just now
+    assert look(0.045) == []
+    assert look(0.6) == [True, False]  # more than 0.5 s after the deadline
+    assert look(0.051, is_stored=False) == [True]
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -269,8 +269,12 @@ class Judge:
         """Return the numbers of authorities; an empty name is an unknown one."""
         return _numbers(self.authorities, lambda: names, self._add_authorities)
 
-    def feed(self, rows: Rows) -> list[Event]:
-        """Judge samples, and the time until the last of them."""
+    def feed(self, rows: Rows, doubt: int = 0) -> list[Event]:
+        """Judge samples, and the time until the last of them.
+
+        They may have arrived later than the rows say, by so many nanoseconds: the next ones are
+        waited for longer.
+        """
         if not len(rows):
             return []
         if (np.diff(rows.arrivals) < 0).any():
@@ -289,11 +293,11 @@ class Judge:
                 drafts += _samples(kinds[name], groups.only(bad), rows.arrivals, values)
         if kinds["liveliness"].judged:
             writers = Groups.of(rows.authorities)
-            drafts += _repeating(kinds["liveliness"], writers, rows.arrivals)
+            drafts += _repeating(kinds["liveliness"], writers, rows.arrivals, doubt)
         if rows.static.any():
             groups = groups.only(~rows.static[groups.rows])
         if kinds["deadline"].judged:
-            drafts += _repeating(kinds["deadline"], groups, rows.arrivals)
+            drafts += _repeating(kinds["deadline"], groups, rows.arrivals, doubt)
         drafts += self._judge_motion(rows, groups)
         return self._finish(drafts, int(rows.arrivals[-1]), rows)
 
@@ -624,9 +628,9 @@ def _rank_in(names: tuple[str, ...], name: str) -> int:
     return next((place for place, each in enumerate(names) if matches(each, name)), -1)
 
 
-def _repeating(kind: _Kind, groups: Groups, arrivals: Integers) -> list[_Draft]:
+def _repeating(kind: _Kind, groups: Groups, arrivals: Integers, doubt: int) -> list[_Draft]:
     """Report silences between rows."""
-    due = arrivals[groups.rows] + kind.lengths[groups.subjects]
+    due = arrivals[groups.rows] + doubt + kind.lengths[groups.subjects]
     return _silences(kind, groups, arrivals, due)
 
 

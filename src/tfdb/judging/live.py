@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 LOOK = 0.1
 """Seconds between two looks at a clock that does not run as this machine's does."""
-_DOUBT = round(LOOK * NS)
+_DOUBT = NS // 2
+"""How late a look may be for a sample to meet what was due before it: less than a jump."""
 _LONGEST = 1.0
 """Seconds between two looks at this machine's clock while anything is waited for: it may be set."""
 _EARLY = 0.002
@@ -35,7 +36,7 @@ class LiveJudge:
     """Judges what is committed to a live store, as it comes.
 
     A sample arrives when its commit is read. What is due between two looks is met by a sample that
-    the second one finds. Threads: one at a time; `read` may wait beside the others.
+    the second one finds, unless that look is later than half a second. Threads: one at a time; `read` may wait beside the others.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ class LiveJudge:
                 self._rates.add(fed)
             if self._judges:
                 fed.arrivals.fill(arrival)
-                events += self.judge.feed(fed)
+                events += self.judge.feed(fed, now - arrival)
         if not self._judges:
             return events
         if self.missed > self._missed:
