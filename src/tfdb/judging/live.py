@@ -36,7 +36,8 @@ class LiveJudge:
     """Judges what is committed to a live store, as it comes.
 
     A sample arrives when its commit is read. What is due between two looks is met by a sample that
-    the second one finds, unless that look is later than half a second. Threads: one at a time; `read` may wait beside the others.
+    the second one finds, unless that look is half a second late. Threads: one at a time; `read` may
+    wait beside the others.
 
     Parameters
     ----------
