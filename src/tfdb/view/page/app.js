@@ -144,7 +144,8 @@ function takeText(message) {
   else if (message.type === "error") {
     state.waits = false;
     state.ending = message.ends;
-    banner(message.text);
+    const rest = message.ends ? ". Start tfdb view again: the page then goes on." : "";
+    banner(message.text + rest);
     if (!message.ends) setTimeout(() => banner(""), 5000);
   }
 }
