@@ -505,6 +505,7 @@ void bind_buffer(nb::module_& module) {
     bind_wire(module, type);
     bind_transaction(module, type);
     bind_watch(module, type);
+    bind_clock(module, type);
     type.def(
         "snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),
         "Return a snapshot of the newest commit: many reads of one state, in a `with` statement.");

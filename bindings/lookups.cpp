@@ -8,6 +8,7 @@
 #include "errors.hpp"
 #include "reads.hpp"
 #include "stamp.hpp"
+#include "tfdb/store/clock.hpp"
 #include "transform.hpp"
 
 namespace tfdb::python {
@@ -353,8 +354,7 @@ StampNs now_of(PyObject* buffer) {
     if (clock.is_valid()) {
         return stamp_of(nb::object(clock()).ptr());
     }
-    const auto now = std::chrono::system_clock::now().time_since_epoch();
-    return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
+    return nb::inst_ptr<BufferObject>(buffer)->store.clock().now();
 }
 
 void add_raw_reads(nb::handle type) {

@@ -247,6 +247,7 @@ void bind_buffer(nb::module_& module);
 void bind_changes(nb::class_<BufferObject, ReadsObject>& type);
 void bind_commits(nb::class_<BufferObject, ReadsObject>& type);
 void bind_state_bytes(nb::class_<SnapshotObject, ReadsObject>& type);
+void bind_clock(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
 void bind_watch(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
 void bind_waits(nb::class_<BufferObject, ReadsObject>& type);
 /// `adopt_classes`, and functions that modules in Python use.

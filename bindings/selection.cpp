@@ -112,6 +112,8 @@ void bind_selection(nb::module_& module) {
             "`choose` gets a source's rule, parent and child: once for each edge. It returns the "
             "new names; None leaves the edge out.\nMoving transforms are kept from stamp `first` "
             "to `last`, both included.")
+        .def_prop_rw("shift", &Selection::shift, &Selection::set_shift,
+                     "Nanoseconds that are added to the stamps of kept moving transforms.")
         .def_prop_ro("left_out", &Selection::left_out, "Number of transforms that were left out.")
         .def_prop_ro("moving", &Selection::moving, "Number of moving transforms that were kept.")
         .def_prop_ro("outside", &outside, nb::sig("def outside(self) -> tuple[int, int] | None"),

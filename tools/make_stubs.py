@@ -44,7 +44,7 @@ PROGRAM = """
 from nanobind import stubgen
 import tfdb._core
 NATIVE = ("Policy", "Reads", "NativeBuffer", "NativeSnapshot", "NativeTransaction", "Transform",
-          "Watch")
+          "Watch", "Clock")
 # Types of C cannot say that they are of another module.
 bases = ()
 for name in ("CoreCalls", "BufferCalls"):

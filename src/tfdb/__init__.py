@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 try:
     from ._core import (
+        Clock,
         Transform,
         Watch,
         __version__,
@@ -76,6 +77,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Buffer",
+    "Clock",
     "Columns",
     "Comparison",
     "Conflict",

@@ -1228,6 +1228,12 @@ class NativeBuffer(Reads):
         BufferClosed, TransactionActive
         """
 
+    @property
+    def clock(self) -> Clock:
+        """
+        Clock of the store, the same for all processes that have it open. A function given as `clock=` replaces it in the lookups of this Buffer.
+        """
+
     def snapshot(self) -> Snapshot:
         """
         Return a snapshot of the newest commit: many reads of one state, in a `with` statement.
@@ -1314,6 +1320,13 @@ class Selection:
         `choose` gets a source's rule, parent and child: once for each edge. It returns the new names; None leaves the edge out.
         Moving transforms are kept from stamp `first` to `last`, both included.
         """
+
+    @property
+    def shift(self) -> int:
+        """Nanoseconds that are added to the stamps of kept moving transforms."""
+
+    @shift.setter
+    def shift(self, arg: int, /) -> None: ...
 
     @property
     def left_out(self) -> int:
@@ -1857,6 +1870,142 @@ class Watch:
     def __enter__(self) -> Self: ...
 
     def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
+
+    def __repr__(self) -> str: ...
+
+class Clock:
+    """
+    The time of a store: that of the system, until it is set. `Buffer.clock` returns it.
+
+    All processes that have a shared store open see one clock: what one of them sets, all follow, and
+    their sleeps wake. `max_age=` of lookups goes by it. A recording that is played sets it.
+
+    A process that may not write to the store's control file sees the system's clock. So does every
+    frozen store.
+    """
+
+    def __init__(self) -> None: ...
+
+    def now(self) -> int:
+        """Return what the clock shows, nanoseconds."""
+
+    def sleep(self, seconds: float, timeout: float | None = None) -> bool:
+        """
+        Sleep for so many seconds of this clock.
+
+        Parameters
+        ----------
+        seconds
+            Seconds of this clock: at double speed they pass in half of the time.
+        timeout
+            As in `sleep_until`.
+
+        Returns
+        -------
+        bool
+            False: the timeout passed first.
+
+        Raises
+        ------
+        InvalidArgument, BufferClosed, NoSuchStore
+            As `sleep_until`.
+        """
+
+    def sleep_until(self, stamp: tfdb.types.StampLike, timeout: float | None = None) -> bool:
+        """
+        Sleep until the clock shows a stamp, or a later one.
+
+        While the clock is paused it shows no later stamp. The sleep follows a pause, a seek and a change of
+        speed at once.
+
+        Parameters
+        ----------
+        stamp
+            Nanoseconds.
+        timeout
+            Seconds of real time, at most; None: for ever.
+
+        Returns
+        -------
+        bool
+            False: the timeout passed first.
+
+        Raises
+        ------
+        InvalidStamp, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
+        removed meanwhile)
+        """
+
+    def seek(self, stamp: tfdb.types.StampLike) -> None:
+        """
+        Let the clock show a stamp now; it goes on from there, or stays paused.
+
+        Parameters
+        ----------
+        stamp
+            Nanoseconds.
+
+        Raises
+        ------
+        InvalidStamp, ReadOnly, LockTimeout, BufferClosed, TransactionActive
+        """
+
+    def pause(self) -> None:
+        """
+        Let the clock stand still. A second call does nothing.
+
+        Raises
+        ------
+        ReadOnly, LockTimeout, BufferClosed, TransactionActive
+        """
+
+    def resume(self) -> None:
+        """
+        Let a paused clock go on.
+
+        Raises
+        ------
+        ReadOnly, LockTimeout, BufferClosed, TransactionActive
+        """
+
+    def follow_system(self) -> None:
+        """
+        Let the clock show the system's time again.
+
+        Raises
+        ------
+        ReadOnly, LockTimeout, BufferClosed, TransactionActive
+        """
+
+    @property
+    def speed(self) -> float:
+        """
+        Seconds of this clock in a real second: above 0. Raises as `pause`, and InvalidArgument.
+        """
+
+    @speed.setter
+    def speed(self, speed: float, /) -> None: ...
+
+    @property
+    def paused(self) -> bool:
+        """Whether it stands still."""
+
+    @property
+    def is_system(self) -> bool:
+        """Whether it shows the system's time."""
+
+    @property
+    def _set_to(self) -> int:
+        """What the clock showed when it was set last."""
+
+    @property
+    def _settings(self) -> int:
+        """How often the clock was set."""
+
+    def _sleep_unless_set(self, stamp: int, timeout: float | None, settings: int) -> bool:
+        """
+        As `sleep_until`; False, too, once the clock was set more than `settings` times.
+        """
 
     def __repr__(self) -> str: ...
 

@@ -171,6 +171,7 @@ bool Control::is_of(const Mapping& mapping, std::uint64_t id) noexcept {
 void Control::tell_removal(const Mapping& mapping) noexcept {
     word_of(mapping, kRemovalsWord).fetch_add(1);
     sync::EventCount(word_of(mapping, kCommitEventWord)).notify();
+    sync::EventCount(word_of(mapping, kClockEventWord)).notify();
 }
 
 unsigned Control::take_slot(const std::string& path) {

@@ -64,6 +64,11 @@ public:
     /// How often the store was removed by a process with write permission here.
     [[nodiscard]] sync::Word& removals() const noexcept { return word(kRemovalsWord); }
 
+    static constexpr unsigned kClockWords = 9;
+    /// The setting of the store's clock, and the word on which sleeps by it sleep.
+    [[nodiscard]] sync::Word* clock() const noexcept { return &word(kClockWord); }
+    [[nodiscard]] sync::Word& clock_event() const noexcept { return word(kClockEventWord); }
+
     /// The words of this process's slot.
     [[nodiscard]] sync::Word* pins() const noexcept { return slot(mine_); }
     /// Slots that were ever taken are the first so many.
@@ -79,12 +84,14 @@ public:
 
     /// Whether a mapped file is the control file of that store.
     [[nodiscard]] static bool is_of(const Mapping& mapping, std::uint64_t id) noexcept;
-    /// Wakes the waits on such a file: the store was removed.
+    /// Wakes the waits and the sleeps on such a file: the store was removed.
     static void tell_removal(const Mapping& mapping) noexcept;
 
 private:
     static constexpr unsigned kCommitEventWord = 6;
     static constexpr unsigned kRemovalsWord = 7;
+    static constexpr unsigned kClockEventWord = 8;
+    static constexpr unsigned kClockWord = 9;
 
     [[nodiscard]] static sync::Word& word_of(const Mapping& mapping, unsigned index) noexcept {
         return reinterpret_cast<sync::Word*>(mapping.base())[index];

@@ -280,6 +280,7 @@ enum class Layout : std::uint8_t { kPose, kMatrix };  // rows of 7, or of 16 (4x
 enum class Missing : std::uint8_t { kThrow, kNan };
 
 class Snapshot;
+class Clock;
 class Watch;
 struct Watched;
 
@@ -558,6 +559,9 @@ public:
     /// Follows frames and paths: see store/watch.hpp. Throws InvalidArgument for an empty watch,
     /// InvalidName, and what `wait_for_commit` throws; NotSupported for a frozen store.
     [[nodiscard]] std::shared_ptr<Watch> watch(const Watched& watched) const;
+
+    /// Of all processes that have the store open: see store/clock.hpp.
+    [[nodiscard]] Clock clock() const;
 
     /// Throws TransactionActive if this thread has a transaction of the store open: a read beside
     /// it would be of another state, and validation would miss it.

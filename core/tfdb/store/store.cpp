@@ -87,9 +87,9 @@ Store::Store(memory::SharedFile file)
 
 Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options)
     : shared(std::move(file)),
-      commit_event(shared == nullptr || shared->control == nullptr
-                       ? own_commit_event
-                       : shared->control->commit_event()),
+      commit_event(has_control() ? shared->control->commit_event() : own_commit_event),
+      clock_words(has_control() ? shared->control->clock() : own_clock_words.data()),
+      clock_event(has_control() ? shared->control->clock_event() : own_clock_event),
       memory(shared == nullptr ? memory::Mapping::reserve() : std::move(shared->data),
              options.memory_limit.value_or(StoreMemory::kNoLimit)),
       frames(forest_in(memory, options)),

@@ -22,6 +22,7 @@
 #include "tfdb/store/transaction_life.hpp"
 #include "tfdb/store/writer_lock.hpp"
 #include "tfdb/sync/fork.hpp"
+#include "tfdb/sync/published.hpp"
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
@@ -114,6 +115,13 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     static constexpr std::uint64_t kNamesLost = 2;  // a thread was using the names of authorities
     static constexpr unsigned kForksShift = 2;
 
+    /// A setting of the clock: time, since when, speed, and what it does.
+    using ClockWords = sync::Published<4>;
+    static constexpr std::uint64_t kSystemClock = 0;
+    static constexpr std::uint64_t kRunningClock = 1;
+    static constexpr std::uint64_t kPausedClock = 2;
+    static_assert(ClockWords::kWords == memory::Control::kClockWords);
+
     /// Flags of this process's copy after a fork. The first thread that asks sets them: no thread
     /// has taken a lock here before.
     [[nodiscard]] std::uint64_t whereabouts() const {
@@ -128,6 +136,13 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     void forked() noexcept override;
     /// Of this process, made when first asked for.
     [[nodiscard]] Waits& waits() const;
+    /// How often the store was removed, as its control file counts.
+    [[nodiscard]] std::uint64_t removals() const {
+        return has_control() ? shared->control->removals().load_acquire() : 0;
+    }
+    [[nodiscard]] bool has_control() const {
+        return shared != nullptr && shared->control != nullptr;
+    }
     [[nodiscard]] CommitNumber oldest_pinned(const graph::Pins<StoreMemory>& mine, unsigned first,
                                              CommitNumber newest) const;
     [[noreturn]] void throw_orphaned() const;
@@ -137,6 +152,11 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     std::unique_ptr<std::array<sync::Word, 2 * graph::kPinWords>> unseen_pins;
     mutable sync::Word own_commit_event{};  // of a store of this process alone
     sync::Word& commit_event;               // notified behind each commit
+    std::array<sync::Word, memory::Control::kClockWords> own_clock_words{};
+    sync::Word own_clock_event{};
+    sync::Word* clock_words;  // where there is a control file, its
+    sync::Word& clock_event;
+    mutable sync::Word waits_ended{};  // 1: of this process, for ever
     StoreMemory memory;
     graph::Frames<StoreMemory> frames;
     StampNs history;

@@ -9,6 +9,7 @@
 #include "tfdb/store/path_frames.hpp"
 #include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
+#include "tfdb/sync/event_count.hpp"
 
 namespace tfdb::store {
 
@@ -269,7 +270,7 @@ void Waits::begin_looking() {
     if (!looks_.empty())
         return;
     seen_ = store_.committed();
-    seen_removals_ = removals();
+    seen_removals_ = store_.removals();
 }
 
 void Waits::remove(Wait& wait) noexcept {
@@ -395,7 +396,7 @@ std::vector<FrameId> Waits::frames_of(const Wait& wait) const {
 
 /// What was committed since it looked last.
 void Waits::look() {
-    if (const std::uint64_t now = removals(); now != seen_removals_) {
+    if (const std::uint64_t now = store_.removals(); now != seen_removals_) {
         seen_removals_ = now;
         end_all(WaitEnd::kRemoved);
     }
@@ -454,12 +455,6 @@ const std::vector<FrameId>& Waits::noted_frames(CommitNumber newest) {
     std::sort(noted_.begin(), noted_.end());
     noted_.erase(std::unique(noted_.begin(), noted_.end()), noted_.end());
     return noted_;
-}
-
-std::uint64_t Waits::removals() const {
-    return store_.shared == nullptr || store_.shared->control == nullptr
-               ? 0
-               : store_.shared->control->removals().load_acquire();
 }
 
 }  // namespace tfdb::store
@@ -560,7 +555,9 @@ void Buffer::raise_ended_wait(WaitEnd end) const {
 }
 
 void Buffer::end_waits() const {
+    store_->waits_ended.store_release(1);
     store_->waits().close(WaitEnd::kClosed);
+    sync::EventCount(store_->clock_event).notify();
 }
 
 void Buffer::stop_waits(bool stop) const {

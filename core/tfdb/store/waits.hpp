@@ -110,7 +110,6 @@ private:
     void collect_touched(CommitNumber newest);
     const std::vector<FrameId>& noted_frames(CommitNumber newest);
     [[nodiscard]] std::vector<FrameId> frames_of(const Wait& wait) const;
-    [[nodiscard]] std::uint64_t removals() const;
 
     const Store& store_;
     std::uint64_t forks_;

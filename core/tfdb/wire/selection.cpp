@@ -32,6 +32,10 @@ bool Selection::apply(std::uint32_t rule, bool is_static, std::vector<TransformV
         changes = changes || edge->is_renamed;
         rename(member.parent, member.slash_before_parent, edge->names->parent);
         rename(member.child, member.slash_before_child, edge->names->child);
+        if (shift_ != 0 && !is_static && clock::is_stamp(member.stamp)) {
+            member.stamp = clock::saturating_add(member.stamp, shift_);
+            changes = true;
+        }
         return false;
     });
     left_out_ += left_out;

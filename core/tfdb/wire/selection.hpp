@@ -51,8 +51,12 @@ public:
 
     /// Leaves in `members` what is kept of one message. The names are views that are valid while
     /// this lives. The window keeps members without a valid stamp: the store refuses them. Returns
-    /// whether any member was left out or renamed.
+    /// whether any member was left out, renamed or shifted.
     bool apply(std::uint32_t rule, bool is_static, std::vector<TransformView>& members);
+
+    /// Adds this to the stamps of moving transforms that are kept from now on, behind the window.
+    void set_shift(clock::StampNs shift) { shift_ = shift; }
+    [[nodiscard]] clock::StampNs shift() const { return shift_; }
 
     [[nodiscard]] std::uint64_t left_out() const { return left_out_; }
     /// Moving transforms that were kept.
@@ -92,6 +96,7 @@ private:
 
     Choose choose_;
     StampRange window_;
+    clock::StampNs shift_ = 0;
     std::unordered_map<Key, Edge, Hash, Same> edges_;
     std::uint64_t left_out_ = 0;
     std::uint64_t moving_ = 0;
