@@ -143,15 +143,17 @@ class _Joined(Container):
     ) -> None:
         self._parts = sorted(parts, key=lambda part: part.start)
         topics = [topic for part in self._parts for topic in part.topics]
-        super().__init__(folder, topics, {}, self._parts[0].start, lambda _: (), close, losses)
+        super().__init__(folder, topics, {}, self._parts[0].start, lambda *_: (), close, losses)
         self.sources = tuple(source for part in self._parts for source in part.sources)
         parts_notes = [f"{part.path.name}: {note}" for part in self._parts for note in part.notes]
         self.notes = (*notes, *parts_notes)
 
-    def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
+    def messages(
+        self, wanted: Callable[[Source], bool], since: int = 0
+    ) -> Iterator[tuple[Source, int, bytes]]:
         """See `Container.messages`."""
         for part in self._parts:
-            yield from part.messages(wanted)
+            yield from part.messages(wanted, since)
 
     def read(
         self, wanted: Callable[[Source], bool], step: Callable[[int], None]

@@ -117,8 +117,12 @@ def _indexed(path: Path, file: RawFile) -> Container:
     index = _read_index(path, file)
     counts = {id_: index.count(id_) for id_ in index.connections}
 
-    def payloads(ids: Collection[int]) -> Iterator[Payload]:
-        wanted = [each for each in index.chunks if not each.counts.keys().isdisjoint(ids)]
+    def payloads(ids: Collection[int], since: int) -> Iterator[Payload]:
+        wanted = [
+            each
+            for each in index.chunks
+            if each.end >= since and not each.counts.keys().isdisjoint(ids)
+        ]
         wanted.sort(key=lambda each: each.position)
         return in_order(
             ((each.start, each) for each in wanted), partial(_chunk_messages, file, index, ids)

@@ -150,7 +150,8 @@ class Container:
         When the first message was received, nanoseconds; `NO_START` without messages.
     payloads
         Gives the messages of the sources with the ids that it gets, in order of reception, those of
-        one time in the order of the file.
+        one time in the order of the file. It may leave out those that were received before its
+        second argument.
     close
         Closes the file; called again, does nothing.
     losses
@@ -175,7 +176,7 @@ class Container:
         topics: Iterable[Topic],
         sources: Mapping[int, Source],
         start: int,
-        payloads: Callable[[Collection[int]], Iterable[Payload]],
+        payloads: Callable[[Collection[int], int], Iterable[Payload]],
         close: Callable[[], None],
         losses: Sequence[Loss] = (),
         *,
@@ -193,19 +194,25 @@ class Container:
         self._hint = hint
         self._survey = survey
 
-    def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
+    def messages(
+        self, wanted: Callable[[Source], bool], since: int = 0
+    ) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and payload of each message, in order of reception.
 
-        Raises `RecordingError` where the file is damaged, also after some messages.
+        `since`: the earliest reception. Raises `RecordingError` where the file is damaged, also
+        after some messages.
         """
         sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
         found = dict.fromkeys(sources, 0)
         with typed_errors(self.path, self._hint):
-            for received, id_, data in self._payloads(sources.keys()):
+            for received, id_, data in self._payloads(sources.keys(), since):
+                if received < since:
+                    continue
                 found[id_] += 1
                 source = sources[id_]
                 yield source, received, unpack_message(data) if is_packed(source, data) else data
-            _check_counts(sources, found)
+            if not since:
+                _check_counts(sources, found)
 
     def read(
         self, wanted: Callable[[Source], bool], step: Callable[[int], None]
@@ -298,10 +305,11 @@ class Gathered:
         """How many messages there are of each source."""
         return Counter(id_ for _, id_, _ in self.messages)
 
-    def payloads(self, ids: Collection[int]) -> list[Payload]:
+    def payloads(self, ids: Collection[int], since: int) -> list[Payload]:
         """The messages of some sources, by time."""
         self.messages.sort(key=_time)
-        return [message for message in self.messages if message[1] in ids]
+        first = bisect_left(self.messages, since, key=_time)
+        return [message for message in self.messages[first:] if message[1] in ids]
 
     def losses(self, path: Path, sources: Mapping[int, Source]) -> list[Loss]:
         """What was lost of the sources that can be read; nothing where nothing was."""

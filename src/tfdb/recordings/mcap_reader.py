@@ -102,11 +102,12 @@ class _Channel:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Where a chunk and its message indexes lie, its start, and its channels; none named: any."""
+    """Where a chunk and its message indexes lie, its times, and its channels; none named: any."""
 
     position: int
     end: int
     start: int
+    last: int
     channels: frozenset[int]
 
 
@@ -142,10 +143,10 @@ class _Index:
             if self.channels.setdefault(id_, channel) != channel:
                 self.flaws[f"channel {id_} is declared again, on {channel.topic!r}"] += 0
         elif kind == _CHUNK_INDEX:
-            start, _, position = fields.number(8), fields.number(8), fields.number(8)
+            start, last, position = fields.number(8), fields.number(8), fields.number(8)
             end = position + fields.number(8)
             channels = frozenset(fields.pairs())
-            self.chunks.append(_Chunk(position, end + fields.number(8), start, channels))
+            self.chunks.append(_Chunk(position, end + fields.number(8), start, last, channels))
         elif kind == _STATISTICS:
             count = fields.number(8)
             fields.skip(2 + 4 + 4 + 4)
@@ -298,14 +299,14 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         index.refuse_flaws()
 
     def messages_of(chunk: _Chunk, ids: Collection[int]) -> Iterable[Payload]:
-        found = Recorded()
-        add(found, chunk, ids)
+        add(found := Recorded(), chunk, ids)
         return map(found.__getitem__, range(len(found)))
 
-    def payloads(ids: Collection[int]) -> Iterator[Payload]:
-        wanted = ((each.start, each) for each in _chunks_of(index, ids))
+    def payloads(ids: Collection[int], since: int) -> Iterator[Payload]:
+        wanted = ((each.start, each) for each in _chunks_of(index, ids) if each.last >= since)
         yield from in_order(wanted, lambda chunk: messages_of(chunk, ids))
-        _check_data(index, _Checksum(file))
+        if not since:
+            _check_data(index, _Checksum(file))
 
     def survey(
         ids: Collection[int], step: Callable[[int], None]

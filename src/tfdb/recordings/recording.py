@@ -144,14 +144,15 @@ class Recording:
         return self._container.rows
 
     def messages(
-        self, wanted: Callable[[Source], bool] | None = None
+        self, wanted: Callable[[Source], bool] | None = None, since: int = 0
     ) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and raw bytes of each TFMessage, in order of reception.
 
-        `wanted` chooses among all sources, None takes those of transforms. Raises `RecordingError`
-        where the file is damaged, which may be after some messages.
+        `wanted` chooses among all sources, None takes those of transforms. `since` is the earliest
+        reception: what the index says to be earlier is not read. Raises `RecordingError` where the
+        file is damaged, which may be after some messages.
         """
-        return self._container.messages(wanted or _is_tf)
+        return self._container.messages(wanted or _is_tf, since)
 
     def read(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, TypeAlias, TypedDict, cast
 
 from tfdb import _core
 from tfdb.data.counting import counted
@@ -76,9 +76,24 @@ class Rewriter:
         self.untimed: Counter[str] = Counter()
 
     @property
+    def shift(self) -> int:
+        """Nanoseconds that are added to the stamps of moving transforms, behind the window."""
+        return self._selection.shift
+
+    @shift.setter
+    def shift(self, nanoseconds: int) -> None:
+        self._selection.shift = nanoseconds
+        self.is_idle = self._choice.is_idle and not nanoseconds
+
+    @property
     def left_out(self) -> int:
         """How many transforms were not wanted."""
         return self._left_out + self._selection.left_out
+
+    @property
+    def moving(self) -> int:
+        """How many moving transforms were kept, where something is chosen."""
+        return self._moving + self._selection.moving
 
     def ingest(
         self,
@@ -332,8 +347,15 @@ class Rewriter:
             and (static or self._is_inside(each))
         ]
         self._left_out += len(given) - len(left)
-        self._moving += 0 if static else len(left)
-        return left
+        if static:
+            return left
+        self._moving += len(left)
+        shift = self.shift
+        return (
+            [replace(each, stamp=cast("int", each.stamp) + shift) for each in left]
+            if shift
+            else left
+        )
 
     def warn(self, what: str, depth: int, *, untimed: bool = True) -> None:
         """Warn of options that did nothing, or too much; the caller is `depth` frames up.
@@ -363,7 +385,7 @@ class Rewriter:
         if left_out:
             message = f"rename: {first_few(left_out)} of {what}: left out by {choice.limits}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
-        if self._all_outside() and not self._moving + self._selection.moving:
+        if self._all_outside() and not self.moving:
             message = f"{what}: nothing moves {self._described()}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         for topic, count in self.untimed.items() if untimed else ():

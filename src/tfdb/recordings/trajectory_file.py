@@ -38,7 +38,7 @@ def open_trajectory(
     if not count:
         raise TrajectoryError(path, None, "no pose in it: all its rows are NaN")
 
-    def payloads(ids: Collection[int]) -> Iterator[Payload]:
+    def payloads(ids: Collection[int], _since: int) -> Iterator[Payload]:
         poses, stamps = trajectory.poses[there].tolist(), trajectory.stamps[there].tolist()
         names = trajectory.target, trajectory.source
         for stamp, pose in zip(stamps, poses, strict=True) if ids else ():
