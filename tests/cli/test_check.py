@@ -375,7 +375,7 @@ def test_an_edge_that_is_static_and_moves_names_an_option(tool: Tool) -> None:
 
 
 def test_serving_an_edge_that_is_static_and_moves_names_an_option(tool: Tool) -> None:
-    command = ("serve", "bag", CASES / "static_and_dyn.mcap", "--into", "static-and-moving")
+    command = ("play", CASES / "static_and_dyn.mcap", "--into", "static-and-moving")
     try:
         shown = tool(*command, "--speed", "inf").out
         assert "--exclude '/tf_static:base_link'" in shown

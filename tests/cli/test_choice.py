@@ -87,7 +87,7 @@ def test_freeze_monitor_and_serve(
     assert "base_link" not in shown
     store = f"choice-{tmp_path.name}"
     try:
-        tool("serve", "bag", *arguments(bag), "--into", store, "--speed", "inf", "--history", 100)
+        tool("play", *arguments(bag), "--into", store, "--speed", "inf", "--history", 100)
         assert tfdb.Buffer.open(store, mode="r").frames() == chosen.frames()
     finally:
         tfdb.Buffer.unlink(store)
@@ -179,7 +179,7 @@ def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path) -> None:
     assert "eye" in tool("monitor", arm, *given).out
     store = f"arm-{tmp_path.name}"
     try:
-        tool("serve", "bag", arm, "--into", store, "--speed", "inf", *given)
+        tool("play", arm, "--into", store, "--speed", "inf", *given)
         with tfdb.Buffer.open(store, mode="r") as live:
             assert live.frames() == ["base", "eye", "hand", "map"]
     finally:

@@ -48,11 +48,11 @@ def test_version(tool: Tool) -> None:
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
     names = "info tree lookup echo monitor view view-frames plot compare poses check expect watch"
-    names += " gaps shm serve"
+    names += " gaps shm play serve"
     names += " static-publisher change-notifier buffer-server freeze convert merge rename"
     names += " bench verify completion"
     assert re.findall(r"^  ([a-z][\w-]*)  ", shown, re.MULTILINE) == names.split()
-    groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("bag", "ros1", "ros2")}
+    groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("follow", "ros1", "ros2")}
     for name in names.split():
         for part in groups.get(name, ("",)):
             assert "--json" in tool(*filter(None, (name, part)), "--help").out
@@ -373,7 +373,6 @@ def test_parts_of_a_group_print_their_whole_name(tool: Tool, bag: Path, mcap: Pa
     into = ("--into", name, "--json")
     try:
         for arguments in (
-            ("serve", "bag", bag, "--speed", "inf", *into),
             ("serve", "follow", mcap, *into),
             ("shm", "ls", "--json"),
             ("shm", "info", name, "--json"),

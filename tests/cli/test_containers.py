@@ -45,7 +45,7 @@ def test_every_command_reads_them(tool: Any, tmp_path: Path, name: str) -> None:
     assert "base_link" in tool("monitor", path).out
     store = f"foxglove-{tmp_path.name}"
     try:
-        tool("serve", "bag", path, "--into", store, "--speed", "inf", "--history", 100)
+        tool("play", path, "--into", store, "--speed", "inf", "--history", 100)
         stamps, poses, _ = tfdb.Buffer.open(store, mode="r").samples("base_link")
         assert (len(stamps), int(stamps[-1]), poses[-1, 0]) == (50, LAST, 0.98)
     finally:

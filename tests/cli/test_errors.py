@@ -283,7 +283,7 @@ def test_suggestions_ignore_case(tool: Tool, bag: Path) -> None:
 
 def test_a_refused_command_makes_no_store(tool: Tool, bag: Path, tmp_path: Path) -> None:
     name = f"test-errors-{os.getpid()}"
-    tool("serve", "bag", bag, "--into", name, "--frame", "nowhere", code=2)
+    tool("play", bag, "--into", name, "--frame", "nowhere", code=2)
     tool("serve", "follow", bag, "--into", name, code=2)
     tool("serve", "follow", tmp_path, "--into", name, code=2)
     with pytest.raises(tfdb.errors.NoSuchStore):

@@ -74,7 +74,7 @@ def test_freeze_refuses_wrong_arguments(tool: Tool, drive: Path, frozen: Path) -
         ("convert", "FROZEN", "x.bag"),
         ("merge", "FROZEN", "FROZEN", "-o", "x.bag"),
         ("rename", "FROZEN", "-o", "x.bag", "--prefix", "a/"),
-        ("serve", "bag", "FROZEN", "--into", "nothing"),
+        ("play", "FROZEN", "--into", "nothing"),
         ("serve", "follow", "FROZEN", "--into", "nothing"),
         ("monitor", "FROZEN"),
     ],
@@ -91,7 +91,7 @@ def test_commands_for_recordings_refuse_frozen_stores(
 
 def test_the_help_lists_commands_without_frozen_stores(tool: Tool) -> None:
     said = " ".join(tool("--help").out.split())
-    assert "merge, rename and serve bag read recordings and trajectories. " in said
+    assert "merge, rename and play read recordings and trajectories. " in said
     assert "convert also reads .tfdb files, for a trajectory or a viewer's file. " in said
     assert "monitor reads all but .tfdb files. " in said
 

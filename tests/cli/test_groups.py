@@ -25,7 +25,7 @@ HALF = "1700000000.5"
         ("poses", ROBOTS, "odom", "base_link"),
         ("echo", ROBOTS, "odom", "base_link"),
         ("monitor", ROBOTS),
-        ("serve", "bag", ROBOTS, "--into", "robots", "--speed", "inf"),
+        ("play", ROBOTS, "--into", "robots", "--speed", "inf"),
     ],
     ids=lambda command: command[0],
 )
@@ -48,7 +48,7 @@ def test_the_error_as_json_has_the_groups(tool: Tool) -> None:
 
 def test_nothing_is_served_of_a_recording_that_is_refused(tool: Tool) -> None:
     name = "groups-that-disagree"
-    tool("serve", "bag", ROBOTS, "--into", name, "--speed", "inf", code=2)
+    tool("play", ROBOTS, "--into", name, "--speed", "inf", code=2)
     with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)
 
@@ -56,7 +56,7 @@ def test_nothing_is_served_of_a_recording_that_is_refused(tool: Tool) -> None:
 def test_each_group_can_be_served_under_its_prefix(tool: Tool) -> None:
     name = "groups-apart"
     try:
-        tool("serve", "bag", ROBOTS, "--into", name, "--speed", "inf", "--by-namespace")
+        tool("play", ROBOTS, "--into", name, "--speed", "inf", "--by-namespace")
         with tfdb.Buffer.open(name, create=False) as store:
             found = store.lookup_transform(
                 "robot2/odom", "robot2/base_link", 1_700_000_000_500_000_000

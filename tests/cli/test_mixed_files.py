@@ -55,7 +55,7 @@ def runs(tmp_path: Path) -> tuple[Path, Path]:
         (("lookup", "odom", "base", "+0.5"), "--with"),
         (("poses", "odom", "base"), "--with"),
         (("plot", "trajectory", "odom", "base", "--save", "png"), "--with"),
-        (("serve", "bag", "--into", "mixed-files", "--speed", "inf"), ""),
+        (("play", "--into", "mixed-files", "--speed", "inf"), ""),
         (("merge", "-o", "out.mcap"), ""),
     ],
     ids=lambda each: each[0] if isinstance(each, tuple) else "",

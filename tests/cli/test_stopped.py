@@ -241,8 +241,8 @@ def opened(name: str, server: subprocess.Popen[str]) -> tfdb.Buffer:
 
 
 def summary(arguments: list[str], name: str, number: signal.Signals) -> dict[str, Any]:
-    """What `tfdb serve` prints when a signal ends it, after some commits."""
-    command = [sys.executable, "-m", "tfdb.cli", "serve", *arguments, "--into", name, "--json"]
+    """What a command prints when a signal ends it, after some commits."""
+    command = [sys.executable, "-m", "tfdb.cli", *arguments, "--into", name, "--json"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as server:
@@ -261,10 +261,8 @@ def summary(arguments: list[str], name: str, number: signal.Signals) -> dict[str
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_ends_serve_bag_with_its_summary(
-    number: signal.Signals, bag: Path, store: str
-) -> None:
-    told = summary(["bag", str(bag), "--loop", "--speed", "20"], store, number)
+def test_a_signal_ends_play_with_its_summary(number: signal.Signals, bag: Path, store: str) -> None:
+    told = summary(["play", str(bag), "--loop", "--speed", "20"], store, number)
     assert told["messages"] > 0
     assert told["transforms"] > 50
 
@@ -276,6 +274,6 @@ def test_a_signal_ends_serve_follow_with_its_summary(
     growing = tmp_path / "growing.mcap"
     whole = mcap.read_bytes()
     growing.write_bytes(whole[:-50])  # without its footer
-    told = summary(["follow", str(growing)], store, number)
+    told = summary(["serve", "follow", str(growing)], store, number)
     assert told["messages"] > 0
     assert told["transforms"] > 50

@@ -38,7 +38,8 @@ COMMANDS = {
     "gaps": "List the gaps of each edge: start, length, publishers before and after.",
     "shm": "List, inspect and remove the shared stores of this machine.",
     "record": "Record each commit of a live store or graph into an .mcap, until Ctrl-C.",
-    "serve": "Fill a shared store from a recording at its own pace, or from a live graph.",
+    "play": "Play recordings into a shared store, with pause, step, seek and reverse.",
+    "serve": "Fill a shared store from a live graph, or from a file that grows.",
     "static-publisher": "Publish static transforms from arguments, a URDF or a recording.",
     "change-notifier": "Report and publish when one frame has moved relative to another.",
     "buffer-server": "Answer the lookups of other nodes, like tf2's buffer_server.",
@@ -238,7 +239,7 @@ def cli(ctx: click.Context) -> None:
       ros1: or ros1:http://host:port            a live graph of ROS 1, by its master
       ros2: or ros2:7                           a live graph of ROS 2, by its domain
 
-    merge, rename and serve bag read recordings and trajectories. convert also reads .tfdb files,
+    merge, rename and play read recordings and trajectories. convert also reads .tfdb files,
     for a trajectory or a viewer's file. monitor reads all but .tfdb files. watch reads live stores
     and graphs. The other commands that take a FILE read all of these.
 

@@ -1,0 +1,235 @@
+"""``tfdb play``: plays recordings into a shared store, by its clock."""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import click
+
+import tfdb
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_duration
+from tfdb.player.controls import KEYS, obey
+from tfdb.store.summary import span
+
+from . import common, layout, output
+from .filling import history_option, into_option, open_store
+from .graph import STORE
+from .groups import SuggestingCommand
+from .selecting import selection_options
+from .times import NS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tfdb.player.player import Player
+    from tfdb.recordings.load_report import LoadReport
+
+_KEYS_HELP = (
+    "space: pause, right and left: a commit forth and back, up and down: speed, 1 to 9: that "
+    "speed, [ and ]: 5 s back and forth, r: reverse, q: quit"
+)
+_BETWEEN = 0.2
+"""Seconds between two looks for the end while no key comes."""
+
+
+def _speed_option(_context: click.Context, _option: click.Parameter, value: float) -> float:
+    """Refuse what passes every comparison."""
+    if math.isnan(value):
+        raise click.BadParameter("nan is not a speed")
+    return value
+
+
+@click.command("play", cls=SuggestingCommand)
+@common.files_argument
+@into_option
+@click.option(
+    "--speed",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1.0,
+    show_default=True,
+    callback=_speed_option,
+    help="Play so many times as fast as recorded; inf does not wait, and sets no clock.",
+)
+@click.option("--loop", is_flag=True, help="Start again at the end, until Ctrl-C.")
+@click.option(
+    "--keep-stamps",
+    is_flag=True,
+    help="Keep the recorded stamps in each round of --loop, which then begins with an empty "
+    "history. By default each round has later stamps.",
+)
+@click.option("--paused", is_flag=True, help="Begin paused.")
+@click.option(
+    "--control",
+    is_flag=True,
+    help="Read controls from standard input, one a line: pause, step, back, reverse, faster, "
+    "slower, speed X, seek X, skip X, quit.",
+)
+@history_option
+@selection_options
+@common.json_option
+def command(
+    *,
+    files: tuple[str, ...],
+    into: str,
+    speed: float,
+    loop: bool,
+    keep_stamps: bool,
+    paused: bool,
+    control: bool,
+    history: int | None,
+    as_json: bool,
+) -> None:
+    """Play recordings into a shared store, with pause, step, seek and reverse.
+
+    Example: tfdb play drive.mcap --into robot1
+
+    The store's clock shows the time of the recording: tfdb.Buffer.open("NAME").clock. A process
+    that sets it moves the player. What an earlier player stored is replaced; frames of other
+    writers stay.
+
+    Keys in a terminal: space pauses. Right and left play a commit or take one back. Up and down
+    change the speed, 1 to 9 set it. [ and ] jump 5 s. r plays backwards, q quits.
+
+    The store stays when the command ends. 'tfdb shm rm NAME' removes it.
+    """
+    from tfdb.player.player import Player  # noqa: PLC0415 - reads recordings
+
+    paths = common.find_paths(files)
+    name = into.removeprefix(STORE)
+    names = [str(path) for path in paths]
+    with common.open_selected(paths) as recordings:
+        rewriter = recordings.rewriter()
+        store = open_store(name, history)  # after what may be refused
+        player = Player(
+            store, recordings, rewriter,
+            speed=speed, loop=loop, keep_stamps=keep_stamps, paused=paused,
+        )  # fmt: skip
+        keys = not control and sys.stdin.isatty() and sys.stdout.isatty()
+        if not as_json:
+            text = f"{', '.join(names)} into shm:{name}; Ctrl-C ends it"
+            output.say(layout.wrap(layout.words(text, *names)))
+            if keys:
+                output.say(layout.wrap(layout.words(_KEYS_HELP)))
+        began = time.monotonic()
+        try:
+            with _controlled(player, keys=keys, lines=control):
+                player.run()
+            _check_played(player, recordings.names)
+            rewriter.warn(", ".join(names), 2)
+        finally:
+            told = player.tally.report(tuple(names), 0, rewriter, empty=True)
+            newest = span(store.tree())
+            body = _body(player, told, None if newest is None else newest[1], began)
+            if as_json:
+                output.emit_json("play", {"files": names, "store": name, **body})
+            else:
+                output.say(layout.wrap(layout.words(_describe(player, told, began))))
+
+
+def _check_played(player: Player, names: str) -> None:
+    """Refuse a selection that leaves nothing."""
+    tally, rewriter = player.tally, player.rewriter
+    if rewriter.left_out and not (tally.transforms or tally.refused or rewriter.refusals):
+        raise tfdb.errors.RecordingError(names, rewriter.reason())
+
+
+def _body(
+    player: Player, told: LoadReport, newest: int | None, began: float
+) -> dict[str, int | float | None]:
+    return {
+        "messages": told.messages,
+        "transforms": told.transforms,
+        "refused": told.refused,
+        "refused_transforms": told.refused_transforms,
+        "rounds": player.rounds,
+        "shift_ns": player.shift,
+        "newest_ns": newest,
+        "seconds": round(time.monotonic() - began, 3),
+    }
+
+
+def _describe(player: Player, told: LoadReport, began: float) -> str:
+    passed = format_duration(round((time.monotonic() - began) * NS))
+    text = f"{counted(told.transforms, 'transform')} in {counted(told.messages, 'message')}"
+    text += f", in {passed}"
+    if player.shift:
+        text += f"; stamps are {format_duration(player.shift)} later than recorded"
+    if told.first_refusals:
+        counts = layout.refused_counts(told.refused, told.refused_transforms)
+        error, first = next(iter(told.first_refusals.items()))
+        text += f"; {counts}, the first: {error}: {first}"
+    return text
+
+
+@contextmanager
+def _controlled(player: Player, *, keys: bool, lines: bool) -> Iterator[None]:
+    """Let keys of the terminal, or lines of standard input, control the player meanwhile."""
+    if not (keys or lines):
+        yield
+        return
+    ended = threading.Event()
+    read = _read_keys if keys else _read_lines
+    reader = threading.Thread(target=read, args=(player, ended), daemon=True, name="controls")
+    with _unbuffered() if keys else _as_it_is():
+        reader.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            if keys:
+                reader.join()
+
+
+@contextmanager
+def _as_it_is() -> Iterator[None]:
+    yield
+
+
+@contextmanager
+def _unbuffered() -> Iterator[None]:
+    """Let each key come at once, without being shown."""
+    import termios  # noqa: PLC0415 - of Unix, and of terminals only
+    import tty  # noqa: PLC0415
+
+    before = termios.tcgetattr(sys.stdin)
+    tty.setcbreak(sys.stdin)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+
+
+def _read_keys(player: Player, ended: threading.Event) -> None:
+    while not ended.is_set():
+        ready, _, _ = select.select([sys.stdin], [], [], _BETWEEN)
+        if not ready:
+            continue
+        typed = os.read(sys.stdin.fileno(), 64).decode(errors="ignore")
+        while typed:
+            key = typed[:3] if typed[:3] in KEYS else typed[0]
+            typed = typed[len(key) :]
+            if key in KEYS:
+                _obey(player, KEYS[key])
+
+
+def _read_lines(player: Player, ended: threading.Event) -> None:
+    for line in sys.stdin:
+        if ended.is_set():
+            return
+        if line.strip():
+            _obey(player, line)
+
+
+def _obey(player: Player, line: str) -> None:
+    try:
+        obey(player, line)
+    except tfdb.TfdbError as error:
+        output.say(f"tfdb: {error}", err=True)

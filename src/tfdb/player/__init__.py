@@ -1,0 +1,1 @@
+"""Playing recordings into a store, by the store's clock."""

@@ -1,0 +1,394 @@
+"""The class Player: plays recordings into a store."""
+
+from __future__ import annotations
+
+import math
+import time
+from bisect import bisect_left, bisect_right
+from collections import deque
+from contextlib import suppress
+from itertools import chain
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING
+
+from tfdb._core import Buffer
+from tfdb.data.decimal_time import NS_PER_SECOND as NS
+from tfdb.data.errors import Fenced, InvalidArgument, OutOfOrder
+from tfdb.recordings.load_report import Tally
+
+from .tape import Tape
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from tfdb.data.types import Position
+    from tfdb.recordings.open_recordings import OpenRecordings
+    from tfdb.recordings.rewriter import Rewriter
+
+    from .tape import Message
+
+SOURCE = "tfdb play"
+"""The source of what is played, in `Buffer.positions()`."""
+
+_LOOK = 0.02  # seconds between two looks for orders
+_REVERSE_RATE = 30  # steps per second
+_STEP = NS // 1000  # between two rounds, where the recording has one message
+_TIMES = 1 << 16  # of messages that a step back can go to
+_BATCH = 4096  # messages that a jump stores at once
+_TAKEN_OVER = "another player took over the store"
+_KEPT_EVERY = 30 * NS
+"""Between two states that are kept for jumps, by reception."""
+
+
+class Player:
+    """Plays recordings into a store, at the pace of the store's clock.
+
+    The recording is stored in a private store, of which the other is a copy (`Buffer.apply`). So a
+    message is one commit. A jump is one commit, too: it replaces what was played by the history
+    before that moment. Other writers' frames stay.
+
+    The clock shows the time of reception. A process that sets it moves the player: it
+    pauses, changes its speed or jumps.
+
+    Threads: one runs it; the other methods may be called from any.
+    """
+
+    def __init__(
+        self,
+        store: Buffer,
+        recordings: OpenRecordings,
+        rewriter: Rewriter,
+        *,
+        speed: float = 1.0,
+        loop: bool = False,
+        keep_stamps: bool = False,
+        paused: bool = False,
+    ) -> None:
+        if not speed > 0:
+            raise InvalidArgument(f"speed must be above 0, got {speed:g}", value=speed)
+        self.rewriter = rewriter
+        self._store, self._recordings, self._tape = store, recordings, Tape(recordings)
+        self._history = store.history
+        self._clock = store.clock
+        self._speed, self._loop, self._keeps_stamps = speed, loop, keep_stamps
+        self._begins_paused = paused
+        self._has_clock = math.isfinite(speed)  # else nothing waits
+        fixed = rewriter.fixed_joints()
+        self._played = Buffer(self._history)
+        if fixed:
+            self._played.set_transforms(fixed, static=True, authority=rewriter.model_name)
+        self._held = self._played.snapshot()  # the other store is a copy of it
+        self._applied: Position | None = None
+        self.tally = Tally(self._played)
+        self.tally.transforms = len(fixed)
+        self._messages: Iterator[Message] = iter(())
+        self._states: list[tuple[int, bytes]] = []  # by the reception of their last message
+        self._read = -1  # when the last message in `_played` was received
+        self._next: int | None = None  # when the next message was received; None: not read yet
+        self._position = -1  # when the last one was
+        self._times: deque[int] = deque(maxlen=_TIMES)  # of messages up to the position
+        self._count = 0  # of messages in this round
+        self._first: int | None = None
+        self._settings = 0  # of the clock, that were followed
+        self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._has_ended = False
+        self._reversed: tuple[float, int] | None = None  # since when, from which position
+        self.rounds = 0
+
+    @property
+    def shift(self) -> int:
+        """Nanoseconds by which this round's stamps are later than recorded."""
+        return self.rewriter.shift
+
+    @property
+    def position(self) -> int:
+        """When the message that was played last was received, nanoseconds."""
+        return self._position
+
+    # -- from any thread --------------------------------------------------------------------------
+
+    def pause(self) -> None:
+        """Stand still, or go on."""
+        if self._clock.paused:
+            self._clock.resume()
+        else:
+            self._clock.pause()
+
+    def set_speed(self, speed: float) -> None:
+        """Play so many times as fast as recorded."""
+        self._clock.speed = speed
+
+    def change_speed(self, factor: float) -> None:
+        """Play so many times as fast as now."""
+        self._clock.speed = self._clock.speed * factor
+
+    def seek(self, seconds: float) -> None:
+        """Jump to a time after the recording's first message."""
+        self._orders.put(lambda: self._go_to((self._first or 0) + round(seconds * NS)))
+
+    def seek_by(self, seconds: float) -> None:
+        """Jump forth or back."""
+        self._orders.put(lambda: self._go_to(self._clock.now() - self.shift + round(seconds * NS)))
+
+    def step(self) -> None:
+        """Pause, and play the next commit."""
+        self._orders.put(self._step)
+
+    def step_back(self) -> None:
+        """Pause, and take the last commit back."""
+        self._orders.put(self._step_back)
+
+    def reverse(self) -> None:
+        """Play backwards, or no more."""
+        self._orders.put(self._toggle_reverse)
+
+    def stop(self) -> None:
+        """End `run`, behind what the player was told before."""
+        self._orders.put(self._end)
+
+    # -- of the thread that runs it ---------------------------------------------------------------
+
+    def run(self) -> None:
+        """Play to the end, or until `stop`. The clock then follows the system again.
+
+        Raises
+        ------
+        Fenced
+            Another player plays into the store.
+        FrameInUse
+            A frame of the recording has another writer in the store.
+        RecordingError
+            The recording is damaged.
+        """
+        self._begin()
+        try:
+            while not self._has_ended:
+                if not self._orders.empty():
+                    self._obey()
+                elif self._next is None and not self._prepare():
+                    self.rounds += 1
+                    if not self._loop or self._first is None:
+                        break
+                    self._begin_round()
+                elif self._is_due():
+                    self._play()
+                else:
+                    self._follow_clock()
+        except (Fenced, OutOfOrder) as error:
+            self._has_clock = False  # it is the other player's
+            raise Fenced(_TAKEN_OVER) from error
+        finally:
+            self._held.close()
+            if self._has_clock:
+                self._clock.follow_system()
+
+    def _begin(self) -> None:
+        self._store.forget_source(SOURCE)  # its clock may have been ahead
+        if self._store.commit or self._played.commit:
+            self._show()
+        self._states = [(-1, self._held.state_bytes())]
+        self._messages = self._tape.messages()
+        if not self._has_clock or not self._prepare():
+            return
+        self._set_clock(self._due)
+        self._clock.speed = self._speed
+        if self._begins_paused:
+            self._clock.pause()
+        elif self._clock.paused:
+            self._clock.resume()
+        self._settings = self._clock._settings
+
+    def _show(self) -> None:
+        """Replace what was played in the store by what is in the private one."""
+        if self._applied is not None and self._applied not in self._store.positions():
+            raise Fenced(_TAKEN_OVER)
+        self._hold()
+        self._applied = self._store.apply(self._held.state_bytes(), source=SOURCE)
+
+    def _hold(self) -> None:
+        """Hold the newest state of the private store: the store is a copy of it."""
+        self._held.close()
+        self._held = self._played.snapshot()
+
+    def _keep_state(self, received: int) -> None:
+        """Keep the state before a message for later jumps, now and then."""
+        if received > self._read >= self._states[-1][0] + _KEPT_EVERY:
+            with self._played.snapshot() as state:
+                self._states.append((self._read, state.state_bytes()))
+
+    def _prepare(self) -> bool:
+        """Read up to the next message of which something is stored. False: there is none."""
+        is_moving = self.rewriter.moving > 0
+        for message in self._messages:
+            self._first = message.received if self._first is None else self._first
+            self._keep_state(message.received)
+            self._read = message.received
+            for run in self._tape.runs([message]):
+                self.tally.store(run, self._recordings.choice, self.rewriter)
+            if self._played.commit > self._held.commit:
+                self._next = message.received
+                # What comes before `--start` takes no time.
+                if not is_moving and self.rewriter.window[0] is not None:
+                    self._set_clock(self._due)
+                return True
+        return False
+
+    def _set_clock(self, time: int) -> None:
+        if self._has_clock:
+            self._clock.seek(time)
+            self._settings = self._clock._settings
+
+    @property
+    def _due(self) -> int:
+        return (self._next or 0) + self.shift
+
+    def _is_due(self) -> bool:
+        """Whether the clock shows the next message's time; waits a while for it."""
+        if not self._has_clock:
+            return True
+        patience = _LOOK if self._reversed is None else 1 / _REVERSE_RATE
+        return self._clock._sleep_unless_set(self._due, patience, self._settings)
+
+    def _play(self) -> None:
+        self._position = self._next or 0
+        copied = self._held.commit
+        while copied < self._played.commit:
+            data = self._played.commits_bytes(copied)
+            self._applied = self._store.apply(data, source=SOURCE)
+            copied = self._applied.commit
+        self._hold()
+        self._count += 1
+        self._times.append(self._position)
+        self._next = None
+
+    def _begin_round(self) -> None:
+        """Go back to the first message; shift the stamps from now on, unless they are kept."""
+        first = self._first or 0
+        if self._keeps_stamps:
+            self._go_to(first)
+            return
+        length = self._position - first
+        step = length // (self._count - 1) if self._count > 1 else 0
+        self.rewriter.shift += length + (step or _STEP)
+        self._times.clear()
+        self._count = 0
+        self._position = self._read = first - 1
+        self._states = [(first - 1, self._held.state_bytes())]
+        self._messages = self._tape.messages()
+
+    def _obey(self) -> None:
+        with suppress(Empty):
+            while not self._has_ended:
+                self._orders.get_nowait()()
+
+    def _follow_clock(self) -> None:
+        """Go where the clock was set to."""
+        settings = self._clock._settings
+        if settings == self._settings:
+            if self._reversed is not None:
+                self._move_back(*self._reversed)
+            return
+        self._settings = settings
+        if not self._clock.paused:
+            self._reversed = None
+        at = self._clock._set_to - self.shift
+        beyond = math.inf if self._history is None else self._history * NS
+        if at < self._position or at > (self._next or 0) + beyond:
+            self._move_to(at)
+
+    def _end(self) -> None:
+        self._has_ended = True
+
+    def _go_to(self, at: int) -> None:
+        """Jump, at most to the first message. At no moment has the store a stamp of the future."""
+        at = max(at, self._first or 0)
+        shown = at + self.shift
+        if self._has_clock and shown > self._clock.now():
+            self._set_clock(shown)
+        self._move_to(at)
+        self._set_clock(shown)
+
+    def _move_to(self, at: int) -> None:
+        """Let the store hold what the recording had at a time of reception."""
+        if self._position <= at < (self._next or at):
+            return
+        received, data = self._state_at(at)
+        if not received <= self._read <= at:
+            self._played = Buffer(self._history)
+            self._played.apply(data, source=SOURCE)
+            self._played.forget_source(SOURCE)
+            self.tally.buffer = self._played
+            self._read = received
+            self._messages = self._tape.messages(received + 1)
+            self._times.clear()
+            self._times.append(received)
+        elif self._next is not None:
+            self._times.append(self._next)
+        batch: list[Message] = []
+        for message in self._messages:
+            if message.received > at:
+                self._messages = chain([message], self._messages)
+                break
+            is_due = message.received >= self._states[-1][0] + _KEPT_EVERY
+            if batch and (is_due or len(batch) == _BATCH):
+                self._take(batch)
+                batch = []
+            self._keep_state(message.received)
+            batch.append(message)
+        self._take(batch)
+        self._show()
+        self._position = at
+        self._next = None
+
+    def _state_at(self, at: int) -> tuple[int, bytes]:
+        """Return the last kept state at or before a time of reception."""
+        place = bisect_right(self._states, at, key=lambda kept: kept[0]) - 1
+        return self._states[max(place, 0)]
+
+    def _take(self, messages: list[Message]) -> None:
+        """Store messages in the private store."""
+        for run in self._tape.runs(messages):
+            encoding, static = self._recordings.choice.kind(run.source)
+            authorities = {number: source.authority for number, source in run.sources.items()}
+            self.rewriter.ingest(run, self._played, encoding, static, authorities=authorities)
+        self._times.extend(message.received for message in messages)
+        self._read = messages[-1].received if messages else self._read
+
+    def _step(self) -> None:
+        self._pause()
+        if self._next is not None or self._prepare():
+            self._set_clock(self._due)
+
+    def _step_back(self) -> None:
+        self._pause()
+        last = self._time_below(self._position + 1)
+        self._go_to(-1 if last is None else self._time_below(last) or -1)
+
+    def _time_below(self, limit: int) -> int | None:
+        """When the last message before a time was received. None: there is none."""
+        times = list(self._times)
+        place = bisect_left(times, limit) - 1
+        if place >= 0:
+            return times[place] if times[place] >= 0 else None
+        last, _ = self._state_at(limit - 1)
+        for message in self._tape.messages(max(last, 0)):
+            if message.received >= limit:
+                break
+            last = message.received
+        return last if last >= 0 else None
+
+    def _pause(self) -> None:
+        self._clock.pause()
+        self._settings = self._clock._settings
+
+    def _toggle_reverse(self) -> None:
+        self._pause()
+        began = time.monotonic(), self._position
+        self._reversed = began if self._reversed is None else None
+
+    def _move_back(self, since: float, position: int) -> None:
+        passed = time.monotonic() - since
+        at = position - round(passed * self._clock.speed * NS)
+        if at < (self._first or 0):
+            self._reversed = None
+        self._go_to(at)

@@ -1,0 +1,98 @@
+"""`tfdb play`, controlled by lines and by keys."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import pytest
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from tests.cli.conftest import Tool
+
+LONGEST = 60.0  # seconds: a test that waits longer has failed
+
+
+@pytest.fixture
+def name() -> Iterator[str]:
+    made = f"test-play-{os.getpid()}"
+    yield made
+    with suppress(tfdb.errors.NoSuchStore):  # refused options make none
+        tfdb.Buffer.unlink(made)
+
+
+def test_lines_control_a_player(bag: Path, name: str) -> None:
+    command = [sys.executable, "-m", "tfdb.cli", "play", str(bag), "--into", name, "--json"]
+    with subprocess.Popen(
+        [*command, "--paused", "--control"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as player:
+        assert player.stdin is not None
+        player.stdin.write("jump\nseek 2\nstep\nspeed 4\nskip 1\nquit\n")
+        out, said = player.communicate(timeout=LONGEST)
+    assert player.returncode == 0, said
+    assert "'jump': the word is unknown; there are pause, step, back" in said
+    body = json.loads(out)
+    assert body["rounds"] == 0
+    assert body["newest_ns"] > 0
+    assert tfdb.Buffer.open(name, mode="r").clock.is_system
+
+
+def test_keys_control_a_player(bag: Path, name: str) -> None:
+    """In a terminal of its own. Each key is answered by a commit, or ends the player."""
+    terminal, theirs = pty.openpty()
+    command = [sys.executable, "-m", "tfdb.cli", "play", str(bag), "--into", name, "--paused"]
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as player:
+        try:
+            os.close(theirs)
+            store = opened(name, player)
+            store.wait_for_commit(0, LONGEST)
+            while not store.clock.paused:
+                assert player.poll() is None
+            for key in ("]", "\x1b[C", "\x1b[D", "["):
+                commit = store.commit
+                os.write(terminal, key.encode())
+                store.wait_for_commit(commit, LONGEST)
+            os.write(terminal, b"5")
+            while store.clock.speed != 5.0:
+                assert player.poll() is None
+            os.write(terminal, b"q")
+            said = b""
+            with suppress(OSError):  # the other end is closed
+                while chunk := os.read(terminal, 4096):
+                    said += chunk
+            assert player.wait(LONGEST) == 0
+        finally:
+            player.kill()
+            os.close(terminal)
+    assert b"space: pause" in said
+    assert b"transforms in" in said
+
+
+def opened(name: str, player: subprocess.Popen[bytes]) -> tfdb.Buffer:
+    while True:
+        try:
+            return tfdb.Buffer.open(name, create=False)
+        except tfdb.errors.NoSuchStore:
+            assert player.poll() is None
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "nan", "fast"])
+def test_bad_speeds_are_refused(tool: Tool, bag: Path, name: str, speed: str) -> None:
+    said = tool("play", bag, "--into", name, "--speed", speed, code=2).error
+    assert "--speed" in said
+    with pytest.raises(tfdb.errors.NoSuchStore):
+        tfdb.Buffer.open(name, create=False)
