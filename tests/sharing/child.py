@@ -135,6 +135,24 @@ def follow(name: str, last: str) -> None:
     say("read", number)
 
 
+def sleep_until(name: str, stamp: str) -> None:
+    """Sleep by the store's clock, and say what it shows then."""
+    clock = tfdb.Buffer.open(name, create=False, mode="r").clock
+    say("sleeps")
+    clock.sleep_until(int(stamp))
+    say("woke", clock.now())
+
+
+def set_clock(name: str) -> None:
+    """Set the clock again and again, to times of which all digits are the same."""
+    clock = tfdb.Buffer.open(name, create=False).clock
+    clock.pause()
+    say("sets")
+    while True:
+        for digit in range(1, 10):
+            clock.seek(int(str(digit) * 18))
+
+
 def write_on(name: str) -> None:
     """Move the arm until somebody ends it."""
     buffer = tfdb.Buffer.open(name, create=False)
@@ -275,6 +293,8 @@ if __name__ == "__main__":
             follow,
             write_on,
             hold_lock,
+            sleep_until,
+            set_clock,
             write_when_free,
             commit_when_free,
             wait_for,

@@ -174,6 +174,7 @@ def calls_that_answer(buffer: tfdb.Buffer, name: str, folder: Path) -> Table:
     table: Table = {
         "Buffer.add_rule": lambda: buffer.add_rule(print, "base").remove(),
         "Buffer.changes": lambda: buffer.changes(0),
+        "Buffer.clock": buffer.clock.now,
         "Buffer.close": lambda: tfdb.Buffer.open(name).close(),
         "Buffer.commits_bytes": lambda: buffer.commits_bytes(0),
         "Buffer.concurrency": lambda: buffer.concurrency,
