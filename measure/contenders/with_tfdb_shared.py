@@ -11,6 +11,7 @@ import signal
 import statistics
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import urllib.request
@@ -23,6 +24,9 @@ import scenario
 import with_tfdb
 
 import tfdb
+from tfdb.player.player import Player
+from tfdb.recordings.open_recordings import OpenRecordings, open_recordings
+from tfdb.recordings.selection import Selection
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -78,6 +82,21 @@ def cpu_of(pid: int) -> float:
     """Seconds of CPU that a process has taken."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextmanager
+def recorded(messages: int, period: int, frames: int) -> Iterator[OpenRecordings]:
+    """Open a recording with so many messages, each with a transform of so many frames."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "recording.mcap"
+        with tfdb.recordings.RecordingWriter(path) as writer:
+            for i in range(messages):
+                stamp = 10**12 + i * period
+                rows = [tfdb.TransformStamped("map", f"f{j}", stamp, *POSE) for j in range(frames)]
+                data = tfdb.encode_tf_message(rows, writer.encoding)
+                writer.write(data, stamp, topic="/tf")
+        with open_recordings(path, Selection()) as recordings:
+            yield recordings
 
 
 class Contender(with_tfdb.Contender):
@@ -327,6 +346,40 @@ class Contender(with_tfdb.Contender):
             enough.wait()
         rule.remove()
         return found
+
+    def late_releases(self, count: int) -> list[float]:
+        """Milliseconds from the time of a played message to its commit, 1,000 messages/s."""
+        found: list[float] = []
+
+        class Timed(Player):
+            def _play(self) -> None:
+                due = self._due
+                super()._play()
+                found.append(1e-6 * (self._clock.now() - due))
+
+        with recorded(count, 10**6, 10) as recordings, tfdb.Buffer() as buffer:
+            Timed(buffer, recordings, recordings.rewriter()).run()
+        return found
+
+    def jumps(self, count: int) -> list[float]:
+        """Milliseconds for a jump in a recording of a minute with 1,000 transforms/s."""
+        found: list[float] = []
+        choice = random.Random(1)
+
+        class Timed(Player):
+            def _go_to(self, at: int) -> None:
+                began = time.perf_counter()
+                super()._go_to(at)
+                found.append(1e3 * (time.perf_counter() - began))
+
+        with recorded(6_000, 10**7, 10) as recordings, tfdb.Buffer() as buffer:
+            player = Timed(buffer, recordings, recordings.rewriter(), paused=True)
+            player.seek(59.0)
+            for _ in range(count):
+                player.seek(choice.uniform(15.0, 59.0))
+            player.stop()
+            player.run()
+        return found[1:]  # the first one reads all
 
     def commits_beside_waits(self, waits: int, count: int) -> float:
         """CPU nanoseconds of this thread for a commit while coroutines wait for other frames."""

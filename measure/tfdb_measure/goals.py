@@ -362,6 +362,8 @@ def _sharing() -> Iterator[Goal]:
     for row, p50, p99 in (
         ("from a commit to a rule's action", 0.2, 1.5),
         ("from a commit to a rule's action in another process", 0.2, 0.5),
+        ("from the time of a played message to its commit, 1,000 messages/s", None, 1.0),
+        ("a jump in a recording of 1,000 transforms/s, history of 10 s", 30.0, None),
         ("opening a shared store and first answer", 1.0, None),
         ("from a commit to a waiting thread of another process", 0.06, 0.4),
         ("from a commit to a waiting coroutine of another process", 0.15, 0.6),

@@ -466,6 +466,8 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
     for row, function in (
         ("from a commit to a rule's action", "fires"),
         ("from a commit to a rule's action in another process", "fires_of_another_process"),
+        ("from the time of a played message to its commit, 1,000 messages/s", "late_releases"),
+        ("a jump in a recording of 1,000 transforms/s, history of 10 s", "jumps"),
         ("opening a shared store and first answer", "attach"),
         ("from a commit to a waiting thread of another process", "wakes"),
         ("from a commit to a waiting coroutine of another process", "wakes_of_coroutine"),

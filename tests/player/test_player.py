@@ -359,3 +359,19 @@ def test_backwards_to_the_beginning(recording: Path) -> None:
             positions.append(player.position)
         assert positions == sorted(positions, reverse=True)
         assert len(positions) > 2
+
+
+def test_kept_states_are_bounded(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Jumps are right, however few states are kept."""
+    monkeypatch.setattr("tfdb.player.player._KEPT_EVERY", SECOND // 10)
+    monkeypatch.setattr("tfdb.player.player._KEPT_BYTES", 50_000)
+    store = tfdb.Buffer(None)
+    with playing(recording, store, paused=True) as (player, _):
+        begun(store)
+        for seconds in (3.9, 1.0, 3.0, 0.2, 3.95):
+            player.seek(seconds)
+            settled(player)
+            stamps = store.samples("base")[0]
+            assert stamps.tolist() == list(range(START, player.position + 1, PERIOD))
+        assert 1 < len(player._states) < 20
+        assert sum(len(data) for _, data in player._states) <= 60_000

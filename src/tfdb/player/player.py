@@ -38,6 +38,8 @@ _BATCH = 4096  # messages that a jump stores at once
 _TAKEN_OVER = "another player took over the store"
 _KEPT_EVERY = 30 * NS
 """Between two states that are kept for jumps, by reception."""
+_KEPT_BYTES = 1 << 28
+"""Of all kept states: beyond, every other one is forgotten."""
 
 
 class Player:
@@ -83,6 +85,7 @@ class Player:
         self.tally.transforms = len(fixed)
         self._messages: Iterator[Message] = iter(())
         self._states: list[tuple[int, bytes]] = []  # by the reception of their last message
+        self._every = _KEPT_EVERY
         self._read = -1  # when the last message in `_played` was received
         self._next: int | None = None  # when the next message was received; None: not read yet
         self._position = -1  # when the last one was
@@ -212,9 +215,12 @@ class Player:
 
     def _keep_state(self, received: int) -> None:
         """Keep the state before a message for later jumps, now and then."""
-        if received > self._read >= self._states[-1][0] + _KEPT_EVERY:
+        if received > self._read >= self._states[-1][0] + self._every:
             with self._played.snapshot() as state:
                 self._states.append((self._read, state.state_bytes()))
+            if sum(len(data) for _, data in self._states) > _KEPT_BYTES:
+                del self._states[1::2]
+                self._every *= 2
 
     def _prepare(self) -> bool:
         """Read up to the next message of which something is stored. False: there is none."""
@@ -329,7 +335,7 @@ class Player:
             if message.received > at:
                 self._messages = chain([message], self._messages)
                 break
-            is_due = message.received >= self._states[-1][0] + _KEPT_EVERY
+            is_due = message.received >= self._states[-1][0] + self._every
             if batch and (is_due or len(batch) == _BATCH):
                 self._take(batch)
                 batch = []
