@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "tfdb/testing/sched/flaws.hpp"
+#include "tfdb/testing/sched/walk.hpp"
 
 namespace tfdb::sync {
 
