@@ -62,6 +62,21 @@ nb::bytes state_bytes(nb::handle self, nb::handle frames, nb::handle newest) {
     return bytes_of(bytes);
 }
 
+/// For a player: while it runs, no other thread applies to the buffer.
+nb::bytes state_bytes_as(BufferObject& self, nb::handle source) {
+    const std::string_view name = name_of(source, "source");
+    std::vector<std::byte> bytes;
+    {
+        const LongWork work(true);
+        const Snapshot state = self.open_store().snapshot();
+        for (const Position& position : self.store.positions()) {
+            if (position.source == name)
+                bytes = state.state_bytes(std::nullopt, ~std::size_t{0}, &position);
+        }
+    }
+    return bytes_of(bytes);
+}
+
 /// Warns of each frame once.
 void warn_of_replaced(BufferObject& self, const std::vector<std::string>& frames,
                       std::string_view source) {
@@ -241,6 +256,11 @@ ReadOnly, LockTimeout, NotSupported, TransactionActive.)");
              R"(Return how far the commits of each source have been applied.
 
 In the order in which the sources came first. A frozen store has none.)");
+    type.def(
+        "_state_bytes_as", &state_bytes_as, nb::arg("source"),
+        nb::sig("def _state_bytes_as(self, source: str) -> bytes"),
+        "Return the newest state as bytes that the later commits of this source follow; b\"\" if "
+        "nothing of it was applied.");
     type.def_prop_ro(
         "epoch", [](BufferObject& self) { return epoch_record(self.open_store().epoch()); },
         nb::sig("def epoch(self) -> tfdb.types.Epoch"),

@@ -1000,6 +1000,11 @@ class NativeBuffer(Reads):
         In the order in which the sources came first. A frozen store has none.
         """
 
+    def _state_bytes_as(self, source: str) -> bytes:
+        """
+        Return the newest state as bytes that the later commits of this source follow; b"" if nothing of it was applied.
+        """
+
     @property
     def epoch(self) -> tfdb.types.Epoch:
         """

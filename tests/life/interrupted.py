@@ -96,8 +96,8 @@ def main() -> None:
     buf = filled()
     name = sys.argv[1]
     call = calls(buf)[name]
-    # This imports modules. Python ends with SIGINT's status if `exec` of a text, of which dataclasses
-    # are made, was interrupted, although the interrupt was handled.
+    # This imports modules. Python ends with SIGINT's status if `exec` of a text was interrupted, of
+    # which dataclasses are made, although the interrupt was handled.
     buf.trajectory("map", "arm", 1.0)
     commit = buf.commit
     print("ready", flush=True)

@@ -108,7 +108,7 @@ def test_a_signal_ends_a_sleep(name: str) -> None:
         assert sleeper.end() != 0
 
 
-def test_the_death_of_who_sets_the_clock_leaves_a_whole_setting(name: str) -> None:
+def test_a_death_while_the_clock_is_set_leaves_a_whole_setting(name: str) -> None:
     buf = tfdb.Buffer.open(name)
     set_to(buf, THEN)
     before = {THEN}

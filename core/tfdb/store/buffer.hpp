@@ -405,10 +405,11 @@ public:
     void freeze(const std::string& path, std::string_view origin = {}, bool in_place = false) const;
 
     /// The whole state, or these frames with the newest samples of each edge, as a sample for
-    /// `Buffer::apply`. Throws SnapshotTooOld.
+    /// `Buffer::apply`. `as`: of a copy, where its source is: the state is told as the source's,
+    /// and the source's later commits follow it. Throws SnapshotTooOld.
     [[nodiscard]] std::vector<std::byte> state_bytes(
         std::optional<std::span<const std::string_view>> only = std::nullopt,
-        std::size_t newest = ~std::size_t{0}) const;
+        std::size_t newest = ~std::size_t{0}, const Position* as = nullptr) const;
 
 private:
     friend class Buffer;

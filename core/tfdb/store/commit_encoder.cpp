@@ -318,12 +318,15 @@ private:
 /// Threads: one. Guarantee: none.
 class StateEncoder {
 public:
-    StateEncoder(const Store& store, CommitNumber held, FrameFilter::Only only, std::size_t newest)
+    StateEncoder(const Store& store, CommitNumber held, FrameFilter::Only only, std::size_t newest,
+                 const Position* as)
         : store_(store),
           held_(held),
           filter_(store, held, only),
           choice_(choice_of(only)),
           newest_(newest),
+          epoch_(as == nullptr ? store.epoch() : as->epoch),
+          commit_(as == nullptr ? held : as->commit),
           sample_(store) {}
 
     [[nodiscard]] std::vector<std::byte> run() {
@@ -332,8 +335,8 @@ public:
             places_.emplace(frames_[place].id, sample_.writer.add_name(frames_[place].name));
         for (const Frame& frame : frames_)
             add(frame);
-        return sample_.writer.finish(CommitSample::Kind::kState, store_.epoch(), choice_, held_,
-                                     held_, frames_.size());
+        return sample_.writer.finish(CommitSample::Kind::kState, epoch_, choice_, commit_, commit_,
+                                     frames_.size());
     }
 
 private:
@@ -420,6 +423,8 @@ private:
     FrameFilter filter_;
     std::uint32_t choice_;
     std::size_t newest_;  // so many samples of each edge
+    Epoch epoch_;
+    CommitNumber commit_;
     Sample sample_;
     std::vector<Frame> frames_;
     std::unordered_map<FrameId, std::uint32_t> places_;
@@ -430,8 +435,8 @@ private:
 }  // namespace
 
 std::vector<std::byte> state_bytes(const Store& store, CommitNumber held, FrameFilter::Only only,
-                                   std::size_t newest) {
-    return StateEncoder(store, held, only, newest).run();
+                                   std::size_t newest, const Position* as) {
+    return StateEncoder(store, held, only, newest, as).run();
 }
 
 }  // namespace tfdb::store
@@ -490,8 +495,8 @@ std::vector<std::byte> Buffer::commits_bytes(
 }
 
 std::vector<std::byte> Snapshot::state_bytes(std::optional<std::span<const std::string_view>> only,
-                                             std::size_t newest) const {
-    return store::state_bytes(*store_, held_, only, newest);
+                                             std::size_t newest, const Position* as) const {
+    return store::state_bytes(*store_, held_, only, newest, as);
 }
 
 }  // namespace tfdb
