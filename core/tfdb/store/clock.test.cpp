@@ -99,8 +99,8 @@ TFDB_TEST(clock_never_leaves_the_range_of_stamps) {
 TFDB_TEST(clock_wakes_sleeps_at_every_setting) {
     const Buffer buffer;
     const Clock clock = buffer.clock();
-    clock.seek(kThen);
     clock.pause();
+    clock.seek(kThen);
     CHECK(clock.sleep_until(kThen, 0));
     CHECK(!clock.sleep_until(kThen + 1, 0));
     CHECK(!clock.sleep_until(kThen + 1, 1'000'000));

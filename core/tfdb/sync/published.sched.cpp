@@ -26,7 +26,7 @@ constexpr std::size_t kWriter = 1;
 Program reading(std::uint64_t writes, int more_readers = 0, std::size_t dies_after = Run::kNever,
                 const Flaw& flaw = {}) {
     return [=](Run& run) {
-        std::array<sched::Word, Pair::kWords> words{};
+        std::array<sched::Word, Pair::kWords> words;
         for (sched::Word& word : words) {
             word.rename("word", static_cast<std::uint32_t>(&word - words.data()));
             run.touch(word);

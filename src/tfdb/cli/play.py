@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from tfdb.player.player import Player
     from tfdb.recordings.load_report import LoadReport
+    from tfdb.recordings.rewriter import Rewriter
 
 _KEYS_HELP = (
     "space: pause, right and left: a commit forth and back, up and down: speed, 1 to 9: that "
@@ -101,6 +102,7 @@ def command(
     The store stays when the command ends. 'tfdb shm rm NAME' removes it.
     """
     from tfdb.player.player import Player  # noqa: PLC0415 - reads recordings
+    from tfdb.player.tape import tape_of  # noqa: PLC0415
 
     paths = common.find_paths(files)
     name = into.removeprefix(STORE)
@@ -108,10 +110,8 @@ def command(
     with common.open_selected(paths) as recordings:
         rewriter = recordings.rewriter()
         store = open_store(name, history)  # after what may be refused
-        player = Player(
-            store, recordings, rewriter,
-            speed=speed, loop=loop, keep_stamps=keep_stamps, paused=paused,
-        )  # fmt: skip
+        tape = tape_of(recordings, rewriter)
+        player = Player(store, tape, speed=speed, loop=loop, keep_stamps=keep_stamps, paused=paused)
         keys = not control and sys.stdin.isatty() and sys.stdout.isatty()
         if not as_json:
             text = f"{', '.join(names)} into shm:{name}; Ctrl-C ends it"
@@ -122,7 +122,7 @@ def command(
         try:
             with _controlled(player, keys=keys, lines=control):
                 player.run()
-            _check_played(player, recordings.names)
+            _check_played(player, rewriter, recordings.names)
             rewriter.warn(", ".join(names), 2)
         finally:
             told = player.tally.report(tuple(names), 0, rewriter, empty=True)
@@ -134,9 +134,9 @@ def command(
                 output.say(layout.wrap(layout.words(_describe(player, told, began))))
 
 
-def _check_played(player: Player, names: str) -> None:
+def _check_played(player: Player, rewriter: Rewriter, names: str) -> None:
     """Refuse a selection that leaves nothing."""
-    tally, rewriter = player.tally, player.rewriter
+    tally = player.tally
     if rewriter.left_out and not (tally.transforms or tally.refused or rewriter.refusals):
         raise tfdb.errors.RecordingError(names, rewriter.reason())
 

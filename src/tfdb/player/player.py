@@ -11,21 +11,17 @@ from itertools import chain
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
-from tfdb._core import Buffer
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 from tfdb.data.errors import Fenced, InvalidArgument, OutOfOrder
 from tfdb.recordings.load_report import Tally
 
-from .tape import Tape
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from tfdb._core import Buffer
     from tfdb.data.types import Position
-    from tfdb.recordings.open_recordings import OpenRecordings
-    from tfdb.recordings.rewriter import Rewriter
 
-    from .tape import Message
+    from .tape import Part, Tape
 
 SOURCE = "tfdb play"
 """The source of what is played, in `Buffer.positions()`."""
@@ -45,7 +41,7 @@ _KEPT_BYTES = 1 << 28
 class Player:
     """Plays recordings into a store, at the pace of the store's clock.
 
-    The recording is stored in a private store, of which the other is a copy (`Buffer.apply`). So a
+    The tape is stored in a private store, of which the other is a copy (`Buffer.apply`). So a
     message is one commit. A jump is one commit, too: it replaces what was played by the history
     before that moment. Other writers' frames stay.
 
@@ -58,8 +54,7 @@ class Player:
     def __init__(
         self,
         store: Buffer,
-        recordings: OpenRecordings,
-        rewriter: Rewriter,
+        tape: Tape,
         *,
         speed: float = 1.0,
         loop: bool = False,
@@ -68,22 +63,19 @@ class Player:
     ) -> None:
         if not speed > 0:
             raise InvalidArgument(f"speed must be above 0, got {speed:g}", value=speed)
-        self.rewriter = rewriter
-        self._store, self._recordings, self._tape = store, recordings, Tape(recordings)
+        self._store, self._tape = store, tape
         self._history = store.history
         self._clock = store.clock
-        self._speed, self._loop, self._keeps_stamps = speed, loop, keep_stamps
+        self._speed, self._loop = speed, loop
+        self._keeps_stamps = keep_stamps or not tape.shifts
         self._begins_paused = paused
         self._has_clock = math.isfinite(speed)  # else nothing waits
-        fixed = rewriter.fixed_joints()
-        self._played = Buffer(self._history)
-        if fixed:
-            self._played.set_transforms(fixed, static=True, authority=rewriter.model_name)
+        self._played = tape.begin(self._history)
         self._held = self._played.snapshot()  # the other store is a copy of it
         self._applied: Position | None = None
-        self.tally = Tally(self._played)
-        self.tally.transforms = len(fixed)
-        self._messages: Iterator[Message] = iter(())
+        self.tally: Tally = Tally(self._played)
+        self.tally.transforms = sum(info.is_static for info in self._played.tree())
+        self._parts: Iterator[Part] = iter(())
         self._states: list[tuple[int, bytes]] = []  # by the reception of their last message
         self._every = _KEPT_EVERY
         self._read = -1  # when the last message in `_played` was received
@@ -96,12 +88,12 @@ class Player:
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._has_ended = False
         self._reversed: tuple[float, int] | None = None  # since when, from which position
-        self.rounds = 0
+        self.rounds: int = 0
 
     @property
     def shift(self) -> int:
         """Nanoseconds by which this round's stamps are later than recorded."""
-        return self.rewriter.shift
+        return self._tape.shift
 
     @property
     def position(self) -> int:
@@ -189,8 +181,8 @@ class Player:
         self._store.forget_source(SOURCE)  # its clock may have been ahead
         if self._store.commit or self._played.commit:
             self._show()
-        self._states = [(-1, self._held.state_bytes())]
-        self._messages = self._tape.messages()
+        self._states = [(-1, self._tape.keep(self._played))]
+        self._parts = self._tape.parts(*self._states[0])
         if not self._has_clock or not self._prepare():
             return
         self._set_clock(self._due)
@@ -216,25 +208,22 @@ class Player:
     def _keep_state(self, received: int) -> None:
         """Keep the state before a message for later jumps, now and then."""
         if received > self._read >= self._states[-1][0] + self._every:
-            with self._played.snapshot() as state:
-                self._states.append((self._read, state.state_bytes()))
+            self._states.append((self._read, self._tape.keep(self._played)))
             if sum(len(data) for _, data in self._states) > _KEPT_BYTES:
                 del self._states[1::2]
                 self._every *= 2
 
     def _prepare(self) -> bool:
         """Read up to the next message of which something is stored. False: there is none."""
-        is_moving = self.rewriter.moving > 0
-        for message in self._messages:
-            self._first = message.received if self._first is None else self._first
-            self._keep_state(message.received)
-            self._read = message.received
-            for run in self._tape.runs([message]):
-                self.tally.store(run, self._recordings.choice, self.rewriter)
+        takes_no_time = self._tape.takes_no_time
+        for part in self._parts:
+            self._first = part.received if self._first is None else self._first
+            self._keep_state(part.received)
+            self._read = part.received
+            self._tape.store([part], self._played, self.tally)
             if self._played.commit > self._held.commit:
-                self._next = message.received
-                # What comes before `--start` takes no time.
-                if not is_moving and self.rewriter.window[0] is not None:
+                self._next = part.received
+                if takes_no_time:
                     self._set_clock(self._due)
                 return True
         return False
@@ -275,12 +264,12 @@ class Player:
             return
         length = self._position - first
         step = length // (self._count - 1) if self._count > 1 else 0
-        self.rewriter.shift += length + (step or _STEP)
+        self._tape.shift += length + (step or _STEP)
         self._times.clear()
         self._count = 0
         self._position = self._read = first - 1
-        self._states = [(first - 1, self._held.state_bytes())]
-        self._messages = self._tape.messages()
+        self._states = [(first - 1, self._tape.keep(self._played))]
+        self._parts = self._tape.parts(*self._states[0])
 
     def _obey(self) -> None:
         with suppress(Empty):
@@ -318,29 +307,27 @@ class Player:
         """Let the store hold what the recording had at a time of reception."""
         if self._position <= at < (self._next or at):
             return
-        received, data = self._state_at(at)
+        received, state = self._state_at(at)
         if not received <= self._read <= at:
-            self._played = Buffer(self._history)
-            self._played.apply(data, source=SOURCE)
-            self._played.forget_source(SOURCE)
+            self._played = self._tape.restore(state, self._history)
             self.tally.buffer = self._played
             self._read = received
-            self._messages = self._tape.messages(received + 1)
+            self._parts = self._tape.parts(received, state)
             self._times.clear()
             self._times.append(received)
         elif self._next is not None:
             self._times.append(self._next)
-        batch: list[Message] = []
-        for message in self._messages:
-            if message.received > at:
-                self._messages = chain([message], self._messages)
+        batch: list[Part] = []
+        for part in self._parts:
+            if part.received > at:
+                self._parts = chain([part], self._parts)
                 break
-            is_due = message.received >= self._states[-1][0] + self._every
+            is_due = part.received >= self._states[-1][0] + self._every
             if batch and (is_due or len(batch) == _BATCH):
                 self._take(batch)
                 batch = []
-            self._keep_state(message.received)
-            batch.append(message)
+            self._keep_state(part.received)
+            batch.append(part)
         self._take(batch)
         self._show()
         self._position = at
@@ -351,14 +338,11 @@ class Player:
         place = bisect_right(self._states, at, key=lambda kept: kept[0]) - 1
         return self._states[max(place, 0)]
 
-    def _take(self, messages: list[Message]) -> None:
-        """Store messages in the private store."""
-        for run in self._tape.runs(messages):
-            encoding, static = self._recordings.choice.kind(run.source)
-            authorities = {number: source.authority for number, source in run.sources.items()}
-            self.rewriter.ingest(run, self._played, encoding, static, authorities=authorities)
-        self._times.extend(message.received for message in messages)
-        self._read = messages[-1].received if messages else self._read
+    def _take(self, parts: list[Part]) -> None:
+        """Store parts in the private store."""
+        self._tape.store(parts, self._played, None)
+        self._times.extend(part.received for part in parts)
+        self._read = parts[-1].received if parts else self._read
 
     def _step(self) -> None:
         self._pause()
@@ -376,11 +360,11 @@ class Player:
         place = bisect_left(times, limit) - 1
         if place >= 0:
             return times[place] if times[place] >= 0 else None
-        last, _ = self._state_at(limit - 1)
-        for message in self._tape.messages(max(last, 0)):
-            if message.received >= limit:
+        last, state = self._state_at(limit - 1)
+        for part in self._tape.parts(last, state):
+            if part.received >= limit:
                 break
-            last = message.received
+            last = part.received
         return last if last >= 0 else None
 
     def _pause(self) -> None:

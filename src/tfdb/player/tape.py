@@ -1,47 +1,184 @@
-"""The messages of recordings, from any time on."""
+"""What is played: the messages of recordings, or the commits that a recorder wrote."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, NamedTuple
 
-from tfdb._core import Recorded
+from tfdb._core import Buffer, Recorded
+from tfdb.recorder.channels import STATE
 from tfdb.recordings.recording import Run, runs_of
+from tfdb.streams.rows import of_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
     from tfdb.recordings.containers import Source
+    from tfdb.recordings.load_report import Tally
     from tfdb.recordings.open_recordings import OpenRecordings
+    from tfdb.recordings.rewriter import Rewriter
+
+_RECORDED = "recorded"
+"""The source of recorded commits, in the private store."""
 
 
-class Message(NamedTuple):
-    """One message, and when it was received (nanoseconds)."""
+class Part(NamedTuple):
+    """A message or a commit, and when it was received (nanoseconds)."""
 
-    source: Source
     received: int
     data: bytes
+    source: int = 0
+    """Number of a message's source."""
 
 
-class Tape:
-    """The wanted messages of recordings, file by file, in the order of reception. Threads: one."""
+class Tape(ABC):
+    """The parts of recordings in the order of reception, and the store that they make.
 
-    def __init__(self, recordings: OpenRecordings) -> None:
-        self._recordings = recordings
+    Threads: one.
+    """
+
+    shifts: bool = True
+    """Whether `shift` may be set."""
+    shift: int = 0
+    """Nanoseconds that are added to the stamps of what is stored from now on."""
+
+    @abstractmethod
+    def begin(self, history: float | None) -> Buffer:
+        """Return a store as it is before the first part."""
+
+    @abstractmethod
+    def parts(self, received: int, state: bytes) -> Iterator[Part]:
+        """Read what follows a state: that was received later. The state is from `keep`."""
+
+    @abstractmethod
+    def store(self, parts: Sequence[Part], store: Buffer, tally: Tally | None) -> None:
+        """Store parts, and count them if a tally is given."""
+
+    @abstractmethod
+    def keep(self, store: Buffer) -> bytes:
+        """Return the newest state of a store, from which `restore` goes on."""
+
+    @abstractmethod
+    def restore(self, state: bytes, history: float | None) -> Buffer:
+        """Return a store with a state that was kept."""
+
+    @property
+    def takes_no_time(self) -> bool:
+        """Whether the next part comes before the part that was asked for: it takes no time."""
+        return False
+
+
+class MessageTape(Tape):
+    """The wanted messages of recordings, file by file."""
+
+    def __init__(self, recordings: OpenRecordings, rewriter: Rewriter) -> None:
+        self._recordings, self._rewriter = recordings, rewriter
         self._choice = recordings.choice
+        every = (source for each in recordings.files for source in each.all_sources)
+        self._sources: dict[int, Source] = dict(enumerate(every))
+        # Containers give the same object for the same source.
+        self._numbers = {id(source): number for number, source in self._sources.items()}
 
-    def messages(self, since: int = 0) -> Iterator[Message]:
-        """Read the messages that were received at a time or later."""
+    @property
+    def shift(self) -> int:
+        """See `Tape`."""
+        return self._rewriter.shift
+
+    @shift.setter
+    def shift(self, nanoseconds: int) -> None:
+        self._rewriter.shift = nanoseconds
+
+    @property
+    def takes_no_time(self) -> bool:
+        """See `Tape`. What comes before `--start` takes none."""
+        return self._rewriter.window[0] is not None and not self._rewriter.moving
+
+    def begin(self, history: float | None) -> Buffer:
+        """See `Tape`. The fixed joints of a robot model are there."""
+        made = Buffer(history)
+        if fixed := self._rewriter.fixed_joints():
+            made.set_transforms(fixed, static=True, authority=self._rewriter.model_name)
+        return made
+
+    def parts(self, received: int, _state: bytes) -> Iterator[Part]:
+        """See `Tape`."""
         for recording in self._recordings.files:
-            for source, received, data in recording.messages(self._choice.wants, since):
-                yield Message(source, received, data)
+            for source, time, data in recording.messages(self._choice.wants, received + 1):
+                yield Part(time, data, self._numbers[id(source)])
 
-    def runs(self, messages: Iterable[Message]) -> Iterator[Run]:
+    def store(self, parts: Sequence[Part], store: Buffer, tally: Tally | None) -> None:
+        """See `Tape`."""
+        for run in self._runs(parts):
+            if tally is not None:
+                tally.store(run, self._choice, self._rewriter)
+                continue
+            encoding, static = self._choice.kind(run.source)
+            authorities = {number: source.authority for number, source in run.sources.items()}
+            self._rewriter.ingest(run, store, encoding, static, authorities=authorities)
+
+    def keep(self, store: Buffer) -> bytes:
+        """See `Tape`."""
+        with store.snapshot() as state:
+            return state.state_bytes()
+
+    def restore(self, state: bytes, history: float | None) -> Buffer:
+        """See `Tape`."""
+        made = Buffer(history)
+        made.apply(state, source=_RECORDED)
+        made.forget_source(_RECORDED)
+        return made
+
+    def _runs(self, parts: Sequence[Part]) -> Iterator[Run]:
         """Return messages as runs that are stored alike."""
         recorded = Recorded()
-        sources: dict[int, Source] = {}
-        numbers: dict[int, int] = {}  # of the sources, by identity
-        for source, received, data in messages:
-            number = numbers.setdefault(id(source), len(numbers))
-            sources[number] = source
-            recorded.add(received, number, data)
-        return runs_of(recorded, sources, self._choice.wants, self._choice.kind)
+        for received, data, source in parts:
+            recorded.add(received, source, data)
+        return runs_of(recorded, self._sources, self._choice.wants, self._choice.kind)
+
+
+class CommitTape(Tape):
+    """The commits that `tfdb.Recorder` wrote, with clears, removals and authorities."""
+
+    shifts = False
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = paths
+
+    def begin(self, history: float | None) -> Buffer:
+        """See `Tape`."""
+        return Buffer(history)
+
+    def parts(self, _received: int, state: bytes) -> Iterator[Part]:
+        """See `Tape`."""
+        from tfdb.recorder.commit_reader import recorded_commits  # noqa: PLC0415 - mcap is an extra
+
+        for each in recorded_commits(self._paths, after=state):
+            yield Part(each.time, each.data)
+
+    def store(self, parts: Sequence[Part], store: Buffer, tally: Tally | None) -> None:
+        """See `Tape`."""
+        for part in parts:
+            store.apply(part.data, source=_RECORDED)
+            if tally is not None:
+                tally.messages += 1
+                tally.transforms += len(of_bytes(part.data)[1])
+
+    def keep(self, store: Buffer) -> bytes:
+        """See `Tape`."""
+        return store._state_bytes_as(_RECORDED)
+
+    def restore(self, state: bytes, history: float | None) -> Buffer:
+        """See `Tape`."""
+        made = Buffer(history)
+        if state:
+            made.apply(state, source=_RECORDED)
+        return made
+
+
+def tape_of(recordings: OpenRecordings, rewriter: Rewriter) -> Tape:
+    """Return the tape of recordings: of commits, if a recorder wrote them and all is wanted."""
+    topics = [{topic.name for topic in recording.topics} for recording in recordings.given]
+    if not recordings.choice.key and all(STATE in names for names in topics):
+        return CommitTape([recording.path for recording in recordings.given])
+    return MessageTape(recordings, rewriter)

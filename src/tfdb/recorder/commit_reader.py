@@ -42,7 +42,9 @@ class RecordedCommit(NamedTuple):
     data: bytes
 
 
-def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[RecordedCommit]:
+def recorded_commits(
+    path: Paths, *, salvage: bool = False, after: bytes = b""
+) -> Iterator[RecordedCommit]:
     """Read the commits of what a `Recorder` wrote, in their order.
 
     A store that applies all of them is equal to the one that was recorded, with clears, removals
@@ -54,6 +56,8 @@ def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[Recorded
         A file, or the files of one recording in their order.
     salvage
         Read files that were cut short or damaged, each up to there.
+    after
+        Bytes of a commit or state of the same recording: only later commits are read.
 
     Raises
     ------
@@ -65,11 +69,11 @@ def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[Recorded
         A file cannot be read.
     """
     check_flag("salvage", salvage)
-    return _commits_of(check_paths(path, RecordingError), salvage=salvage)
+    return _commits_of(check_paths(path, RecordingError), after, salvage=salvage)
 
 
-def _commits_of(paths: list[Path], *, salvage: bool) -> Iterator[RecordedCommit]:
-    reader = _Reader()
+def _commits_of(paths: list[Path], after: bytes, *, salvage: bool) -> Iterator[RecordedCommit]:
+    reader = _Reader(after)
     for path in paths:
         for topic, time, sequence, data in _messages(path, salvage=salvage):
             yield from reader.take(topic, time, sequence, data)
@@ -108,9 +112,10 @@ def _messages(path: Path, *, salvage: bool) -> Iterator[tuple[str, int, int, byt
 class _Reader:
     """Makes commits of messages. Threads: one."""
 
-    def __init__(self) -> None:
-        self._epoch = b""
-        self._commit = -1
+    def __init__(self, after: bytes) -> None:
+        self._epoch, self._commit = b"", -1
+        if after:
+            self._epoch, (_, self._commit) = epoch_of(after), numbers_of(after)
         # Of the commit that is being read.
         self._time = self._next = -1
         self._parts: dict[str, bytes] = {}

@@ -74,15 +74,15 @@ class McapFile:
     """
 
     def __init__(self, path: Path, folder: Path, *, sync: bool) -> None:
-        self.path = path
-        self.part = path.with_name(path.name + ".part")
+        self.path: Path = path
+        self.part: Path = path.with_name(path.name + ".part")
         # The process may change its folder.
         self._places = folder / path.name, folder / self.part.name
         for each in self._places:
             refuse_existing(each, refusal=RecordingError, hint=_TAKEN)
         self._sync = sync
         self._flushed = 0
-        self.pending = 0
+        self.pending: int = 0
         """Bytes of messages that are not flushed."""
         self.begun: int | None = None
         """The time of the first message, nanoseconds."""

@@ -1,0 +1,118 @@
+"""The commits of a recorder are played one by one: clears, removals and authorities included."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+import pytest
+
+import tfdb
+from tfdb.player.player import SOURCE
+from tfdb.player.tape import CommitTape, MessageTape, tape_of
+from tfdb.recordings.open_recordings import open_recordings
+from tfdb.recordings.selection import Selection
+
+from .test_player import begun, playing, settled
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TURN = (0.0, 0.6, 0.0, 0.8)
+SECOND = 10**9
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Random commits of two writers, with all that TFMessages do not say."""
+    choice = random.Random(11)
+    buf = tfdb.Buffer(history=None)
+    path = tmp_path_factory.mktemp("recorded") / "drive.mcap"
+    pytest.importorskip("mcap")
+    buf.set_static_transform("base", "camera", (1, 2, 3), TURN, authority="urdf")
+    buf.set_transform("map", "base", 0, (0, 2, 3), TURN, authority="slam")
+    with tfdb.Recorder(buf, path) as recorder:
+        for step in range(1, 300):
+            kind = choice.random()
+            stamp = step * 10_000_000
+            if kind < 0.02:
+                buf.clear()
+            elif kind < 0.05 and buf.frame_exists("gripper"):
+                buf.remove_frames("gripper")
+            elif kind < 0.4:
+                late = stamp - choice.randrange(30_000_000)
+                pose = (step, 2, 3), TURN
+                buf.set_transform("base", "gripper", max(late, 0), *pose, authority="arm")
+            else:
+                buf.set_transform("map", "base", stamp, (step, 2, 3), TURN, authority="slam")
+            if step % 10 == 0:
+                recorder.flush()  # the next commits are read later
+    return path
+
+
+def contents(store: tfdb.Buffer) -> bytes:
+    """All edges of a store, with their samples and authorities."""
+    rows = []
+    for info in store.tree():
+        stamps, poses, *_ = store.samples(info.name)
+        rows.append((info, stamps.tobytes(), poses.tobytes()))
+    return repr(rows).encode()
+
+
+def test_a_recording_of_ours_is_played_by_commits(drive: Path) -> None:
+    with open_recordings(drive, Selection()) as recordings:
+        assert isinstance(tape_of(recordings, recordings.rewriter()), CommitTape)
+    with open_recordings(drive, Selection(exclude=["camera"])) as recordings:
+        assert isinstance(tape_of(recordings, recordings.rewriter()), MessageTape)
+
+
+def test_the_played_store_equals_the_recorded_one(drive: Path) -> None:
+    copy = tfdb.Buffer(history=None)
+    for each in tfdb.recorded_commits(drive):
+        copy.apply(each.data)
+    store = tfdb.Buffer(history=None)
+    with playing(drive, store, speed=float("inf")) as (_, thread):
+        thread.join(60)
+    assert contents(store) == contents(copy)
+    assert store.frame_info("base").authority == "slam"
+
+
+def test_recording_the_played_store_gives_the_same_recording(drive: Path, tmp_path: Path) -> None:
+    store = tfdb.Buffer(history=None)
+    with (
+        tfdb.Recorder(store, tmp_path / "again.mcap"),
+        playing(drive, store, speed=float("inf")) as (_, thread),
+    ):
+        thread.join(60)
+    copies = [tfdb.Buffer(history=None), tfdb.Buffer(history=None)]
+    for copy, path in zip(copies, (drive, tmp_path / "again.mcap"), strict=True):
+        for each in tfdb.recorded_commits(path):
+            copy.apply(each.data)
+    assert contents(copies[0]) == contents(copies[1])
+
+
+def test_jumps_show_the_state_of_the_commit(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tfdb.player.player._KEPT_EVERY", SECOND // 100)
+    commits = list(tfdb.recorded_commits(drive))
+    choice = random.Random(5)
+    store = tfdb.Buffer(history=None)
+    with playing(drive, store, paused=True) as (player, _):
+        begun(store)
+        times = sorted({each.time for each in commits})
+        for at in (times[-2], *choice.choices(times[:-1], k=25)):
+            player.seek((at - commits[0].time) / SECOND)
+            settled(player)
+            copy = tfdb.Buffer(history=None)
+            for each in commits:
+                if each.time <= player.position:
+                    copy.apply(each.data)
+            assert contents(store) == contents(copy)
+        assert len(player._states) > 1
+
+
+def test_rounds_of_commits_keep_their_stamps(drive: Path) -> None:
+    store = tfdb.Buffer(history=None)
+    with playing(drive, store, speed=float("inf"), loop=True) as (player, _):
+        while player.rounds < 2:
+            assert player.shift == 0
+    assert [position.source for position in store.positions()] == [SOURCE]
