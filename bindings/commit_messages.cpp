@@ -25,13 +25,10 @@ nb::object bytes_or_none(const std::vector<std::byte>& bytes) {
 wire::ChooseName choice_of(nb::handle choose) {
     if (choose.is_none())
         return {};
-    return [choose](std::string_view name) -> std::optional<wire::ChosenName> {
+    return [choose](std::string_view name) -> wire::ChosenName {
         const nb::gil_scoped_acquire gil;
-        const nb::object chosen = choose(str_of_name(name));
-        if (chosen.is_none())
-            return std::nullopt;
-        const auto both = nb::cast<nb::tuple>(chosen);
-        return wire::ChosenName{nb::cast<std::string>(both[0]), nb::cast<bool>(both[1])};
+        const auto chosen = nb::cast<nb::tuple>(choose(str_of_name(name)));
+        return {nb::cast<std::string>(chosen[0]), nb::cast<bool>(chosen[1])};
     };
 }
 
@@ -79,14 +76,13 @@ void bind_commit_messages(nb::module_& module) {
     module.def("messages_of_commits", &messages_of_commits, nb::arg("data").none(),
                nb::arg("since"), nb::arg("choose").none(),
                nb::sig("def messages_of_commits(data: bytes, since: int, choose: "
-                       "collections.abc.Callable[[str], tuple[str, bool] | None] | None) -> "
+                       "collections.abc.Callable[[str], tuple[str, bool]] | None) -> "
                        "list[tuple[int, bytes | None, bytes | None, bytes | None]]"),
                "The messages of commits, or of a state.\n\n"
                "Returns of each commit its number, the TFMessages of the moving and of the static "
                "edges, and the bytes for `apply` where these do not say all; a state has them "
                "always. They go on from the commit before, the first from `since`. `choose` gives "
-               "a frame's new name, and whether the edge to its parent is kept; None: no edge of "
-               "it is.");
+               "a frame's new name, and whether the edge to its parent is kept.");
     module.def("commit_of_messages", &commit_of_messages, nb::arg("epoch").none(), nb::arg("since"),
                nb::arg("commit"), nb::arg("moving").none(), nb::arg("static").none(),
                nb::sig("def commit_of_messages(epoch: bytes, since: int, commit: int, "

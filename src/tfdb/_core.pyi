@@ -2271,11 +2271,11 @@ def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], numpy
 def samples_of_rows(parents: list[str], children: list[str], stamps: numpy.typing.NDArray[numpy.int64], poses: numpy.typing.NDArray[numpy.float64], statics: numpy.typing.NDArray[numpy.bool_], commits: numpy.typing.NDArray[numpy.int64], authorities: list[str]) -> list[tfdb.types.Sample]:
     """The rows that `rows_of_commits` returned, each as a Sample."""
 
-def messages_of_commits(data: bytes, since: int, choose: Callable[[str], tuple[str, bool] | None] | None) -> list[tuple[int, bytes | None, bytes | None, bytes | None]]:
+def messages_of_commits(data: bytes, since: int, choose: Callable[[str], tuple[str, bool]] | None) -> list[tuple[int, bytes | None, bytes | None, bytes | None]]:
     """
     The messages of commits, or of a state.
 
-    Returns of each commit its number, the TFMessages of the moving and of the static edges, and the bytes for `apply` where these do not say all; a state has them always. They go on from the commit before, the first from `since`. `choose` gives a frame's new name, and whether the edge to its parent is kept; None: no edge of it is.
+    Returns of each commit its number, the TFMessages of the moving and of the static edges, and the bytes for `apply` where these do not say all; a state has them always. They go on from the commit before, the first from `since`. `choose` gives a frame's new name, and whether the edge to its parent is kept.
     """
 
 def commit_of_messages(epoch: bytes, since: int, commit: int, moving: bytes | None, static: bytes | None) -> bytes:

@@ -11,7 +11,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 import tfdb
-from tests.test_changes import SEEDS, Writer, pose
+from tests.test_changes import NAMES, SEEDS, Writer, pose
 from tfdb import errors
 from tfdb._core import commit_of_messages
 from tfdb.recorder import mcap_file
@@ -188,6 +188,9 @@ def test_frames_exclude_and_rename(tmp_path: Path) -> None:
     assert len(messages_of(tmp_path / "frames.mcap", "/tfdb/commits")) == 1, "of the clear"
     others = drive(tmp_path / "exclude.mcap", exclude=["cam*", "lens"])
     assert others.frames() == ["arm", "base", "map"]
+    under = drive(tmp_path / "under.mcap", exclude="cam*")
+    assert under.frames() == ["arm", "base", "camera", "lens", "map"]
+    assert under.parent_of("camera") is None
     assert len(messages_of(tmp_path / "exclude.mcap", "/tfdb/commits")) == 4
     named = drive(tmp_path / "rename.mcap", rename={"base": "z/base", "map": "world"})
     assert named.frames() == ["arm", "camera", "lens", "world", "z/base"]
@@ -202,6 +205,35 @@ def test_frames_exclude_and_rename(tmp_path: Path) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="would have the same name, 'joint'"):
         recorder.close()
     assert applied(tmp_path / "same.mcap").frames() == ["arm", "base", "camera", "joint", "lens"]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"frames": NAMES[:3]},
+        {"exclude": NAMES[:2]},
+        {"frames": NAMES[2:5], "rename": {NAMES[2]: "zz", NAMES[6]: "aa"}},
+    ],
+)
+def test_chosen_edges_are_equal(tmp_path: Path, seed: int, options: dict[str, Any]) -> None:
+    buf = tfdb.Buffer(history=None)
+    writer = Writer(seed)
+    for _ in range(50):
+        writer.act(buf)
+    with tfdb.Recorder(buf, tmp_path / "drive.mcap", **options):
+        for _ in range(300):
+            writer.act(buf)
+    copy = applied(tmp_path / "drive.mcap")
+    names = options.get("rename", {})
+    kept = set(options.get("frames", NAMES)) - set(options.get("exclude", ()))
+    for frame in kept & set(buf.frames()):
+        theirs, ours = buf.frame_info(frame), copy.frame_info(names.get(frame, frame))
+        assert ours.parent == (theirs.parent and names.get(theirs.parent, theirs.parent))
+        assert (ours.newest, ours.is_static) == (theirs.newest, theirs.is_static)
+    for frame in set(NAMES) - kept:
+        if copy.frame_exists(names.get(frame, frame)):
+            assert copy.parent_of(names.get(frame, frame)) is None
 
 
 def test_split_files_begin_with_the_state(tmp_path: Path) -> None:

@@ -28,15 +28,13 @@ public:
         chosen_.reserve(names.size());
         for (std::string_view& name : names) {
             chosen_.push_back(choose(name));
-            if (chosen_.back())
-                name = chosen_.back()->name;
+            name = chosen_.back().name;
         }
         refuse_doubles(sample);
     }
     [[nodiscard]] bool is_chosen() const { return is_chosen_; }
-    [[nodiscard]] bool has(std::uint32_t place) const { return !is_chosen_ || chosen_[place]; }
     [[nodiscard]] bool has_edge(std::uint32_t place) const {
-        return !is_chosen_ || (chosen_[place] && chosen_[place]->keeps_edge);
+        return !is_chosen_ || chosen_[place].keeps_edge;
     }
 
     std::vector<std::string_view> names;
@@ -46,8 +44,6 @@ private:
     void refuse_doubles(const CommitSample& sample) const {
         std::unordered_map<std::string_view, std::string_view> before;
         for (std::size_t place = 0; place < names.size(); ++place) {
-            if (!chosen_[place])
-                continue;
             const auto [at, is_new] = before.try_emplace(names[place], sample.names[place]);
             if (!is_new && at->second != sample.names[place])
                 throw InvalidArgument("frames '" + std::string(at->second) + "' and '" +
@@ -58,7 +54,7 @@ private:
     }
 
     bool is_chosen_ = false;
-    std::vector<std::optional<ChosenName>> chosen_;
+    std::vector<ChosenName> chosen_;
 };
 
 [[nodiscard]] TransformView view_of(const Frames& frames, const Edge& edge, const Row& row) {
@@ -81,10 +77,12 @@ public:
     /// Whether anything is left of it.
     [[nodiscard]] bool add(const CommitSample::Commit& commit, CommitNumber since) {
         start();
-        take(cleared_, commit.cleared, [&](std::uint32_t at) { return frames_.has_edge(at); });
-        take(removed_, commit.removed, [&](std::uint32_t at) { return frames_.has(at); });
-        take(passing_, commit.passing, [&](std::uint32_t at) { return frames_.has(at); });
-        take(made_, commit.made, [&](std::uint32_t at) { return frames_.has_edge(at); });
+        const auto has_edge = [&](std::uint32_t at) { return frames_.has_edge(at); };
+        const auto may_be_parent = [](std::uint32_t) { return true; };
+        take(cleared_, commit.cleared, has_edge);
+        take(removed_, commit.removed, may_be_parent);
+        take(passing_, commit.passing, may_be_parent);
+        take(made_, commit.made, has_edge);
         is_full_ = cleared_.empty() && removed_.empty() && passing_.empty();
         order(commit);
         for (const Edge& edge : ordered_)
@@ -146,19 +144,15 @@ private:
     void add_edge(const Edge& edge) {
         const std::size_t first = rows_.size();
         for (const Row& row : sample_.rows_of(edge)) {
-            if (!frames_.has(row.parent))
-                continue;
             rows_.push_back(row);
             is_full_ = say(edge, row) && !row.gone && is_full_;
         }
-        if (rows_.size() == first)
-            return;
         is_full_ = is_full_ && edge.authority == 0;
         edges_.push_back({edge, first, rows_.size() - first});
     }
     void add_newest(const Edge& edge) {
         const auto rows = sample_.rows_of(edge);
-        if (!rows.empty() && !rows.back().gone && frames_.has(rows.back().parent))
+        if (!rows.empty() && !rows.back().gone)
             (void)say(edge, rows.back());
     }
     /// Puts a sample into its message; false: no message holds it.
@@ -233,15 +227,12 @@ private:
         for (Edge& edge : ordered_) {
             rows_.clear();
             for (const Row& row : sample_.rows_of(edge)) {
-                if (!row.gone && !frames_.has(row.parent))
-                    continue;
                 rows_.push_back(row);
                 if (!row.gone)
                     rows_.back().parent = place(row.parent);
             }
             edge.child = place(edge.child);
             edge.authority = authority(edge.authority);
-            edge.is_static = edge.is_static && !rows_.empty();
             writer_.add_frame(edge, rows_);
         }
         return writer_.finish(CommitSample::Kind::kState, sample_.epoch, 0, commit, commit,

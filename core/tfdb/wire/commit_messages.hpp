@@ -4,7 +4,6 @@
 
 #include <cstddef>
 #include <functional>
-#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -28,8 +27,7 @@ struct ChosenName {
     std::string name;
     bool keeps_edge = true;  // the edge of which it is the child
 };
-/// Nothing: edges from it and to it are left out.
-using ChooseName = std::function<std::optional<ChosenName>(std::string_view)>;
+using ChooseName = std::function<ChosenName(std::string_view)>;
 
 /// The messages of each commit of a sample. Commits of which nothing is left have none. `whole`
 /// goes on from the commit before, the first from `since`; of a state it is always there.

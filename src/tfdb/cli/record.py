@@ -105,7 +105,7 @@ def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -
     "--exclude",
     multiple=True,
     metavar="NAME",
-    help="Leave out the edges from and to this frame; * and ? as in a shell. Repeatable.",
+    help="Leave out the edge from this frame to its parent; * and ? as in a shell. Repeatable.",
 )
 @_rename_option
 @node_option

@@ -22,18 +22,15 @@ class ChosenNames:
     ) -> None:
         self._choice = Choice(Selection(frames=frames, exclude=exclude, rename=rename))
         self._rules = EdgeRules(self._choice, None)
-        self._found: dict[str, tuple[str, bool] | None] = {}
+        self._found: dict[str, tuple[str, bool]] = {}
         self.is_all: bool = self._choice.is_idle
 
-    def __call__(self, frame: str) -> tuple[str, bool] | None:
-        """Return the new name, and whether the edge to its parent is kept; None: no edge is."""
+    def __call__(self, frame: str) -> tuple[str, bool]:
+        """Return the new name, and whether the edge to its parent is kept."""
         if frame not in self._found:
             kept = self._choice.frames
-            self._found[frame] = (
-                None
-                if self._rules.excludes_frame(frame)
-                else (self._rules.name(frame), kept is None or frame in kept)
-            )
+            is_kept = (kept is None or frame in kept) and not self._rules.excludes_frame(frame)
+            self._found[frame] = self._rules.name(frame), is_kept
         return self._found[frame]
 
     def unseen(self) -> list[str]:

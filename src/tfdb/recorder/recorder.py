@@ -82,7 +82,8 @@ class Recorder:
     frames
         Record only the edges from these frames to their parents.
     exclude
-        Leave out edges from and to these frames; * and ? as in a shell.
+        Leave out the edges from these frames to their parents; * and ? as in a shell. They may be
+        parents of others.
     rename
         New names of frames.
     flush
