@@ -458,6 +458,20 @@ def test_a_sample_between_two_looks_meets_a_deadline_in_doubt() -> None:
     assert look(0.051, is_stored=False) == [True]
 
 
+def test_a_late_expectation_waits_from_then_on() -> None:
+    now, store = START, tfdb.Buffer()
+    store.set_transform("odom", "base", now, (0, 0, 0))
+    judge = LiveJudge(Live(store, lambda: now), Judge(tfdb.Expectations(), now))
+    now += 9 * S
+    store.set_transform("odom", "base", now, (0, 0, 0))  # it is not read before the change
+    edges = [Expectation("odom", "base", deadline=0.5), Expectation("odom", "arm")]
+    judge.change(tfdb.Expectations(edges))
+    assert judge.take(judge.read(0.0)) == []
+    now += S + 1
+    assert [event.kind for event in judge.take([])] == ["deadline", "missing"]
+    assert [event.time - START for event in judge.judge.active.values()] == [9 * S + S // 2, 10 * S]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_an_expectation_that_stays_goes_on_when_others_change(seed: int) -> None:
     print(f"seed {seed}")
@@ -471,7 +485,8 @@ def test_an_expectation_that_stays_goes_on_when_others_change(seed: int) -> None
     found: list[Event] = []
     for at in range(0, len(rows), 50):
         found += other.feed(rows_of(other, rows[at : at + 50]))
-        other.change(more if at % 100 else expected)
+        last = rows[min(at + 49, len(rows) - 1)].arrival
+        other.change(more if at % 100 else expected, last)
     found += other.advance(end)
     assert told(other, [e for e in found if e.child != "new"]) == told(judge, wanted)
 

@@ -259,7 +259,7 @@ class Judge:
         """By edge: how far behind the last sample and the one before are, where that is far."""
         self._poses = np.zeros((0, 7))
         """By edge: the pose of the newest stamp."""
-        self._wait_for_expected()
+        self._wait_for_expected(start)
 
     def number_edges(self, parents: Sequence[str], children: Sequence[str]) -> Integers:
         """Return the numbers of edges; new ones are judged from now on."""
@@ -324,8 +324,8 @@ class Judge:
         self._skew[chosen] = 0
         self._far[:, chosen] = 0
 
-    def change(self, expectations: Expectations) -> None:
-        """Judge by other expectations, of the same clock, from now on.
+    def change(self, expectations: Expectations, start: int) -> None:
+        """Judge by other expectations, of the same clock; new ones wait from `start` on.
 
         What is expected as before goes on. Of a limit that changes or ends, the event that has
         begun is forgotten.
@@ -337,19 +337,19 @@ class Judge:
         begun = [pair in exact for pair in self.edge_names]
         self._lists = {(): 0}
         self._list_of = self._number_lists(found)
-        now, moves = np.full(len(found), self._now), self._newest >= 0
+        now, moves = np.full(len(found), start), self._newest >= 0
         born = self._newest - self._skew if self._by_stamps else now
-        known = moves & (np.abs(born - self._now) <= ANOTHER_CLOCK)
+        known = moves & (np.abs(born - start) <= ANOTHER_CLOCK)
         since = {
             "missing": np.where(self._seen, NEVER, now),
             "deadline": np.where(moves, now, NEVER),
             "lifespan": np.where(known, born, NEVER),
         }
         for name, limits in _limits_of_edges(found, begun).items():
-            self._change(name, limits, since.get(name, now))
+            self._change(name, limits, since.get(name, now), start)
         alive = self._limits_of_authorities(self.authority_names)
-        self._change("liveliness", alive, np.full(len(alive), self._now))
-        self._wait_for_expected()
+        self._change("liveliness", alive, np.full(len(alive), start), start)
+        self._wait_for_expected(start)
 
     def next_due(self) -> int | None:
         """Return the last time at which nothing new has begun or ended, if no sample comes.
@@ -360,25 +360,27 @@ class Judge:
         due = min(int(k.due[k.broken != k.silence].min(initial=NEVER)) for k in judged)
         return None if due == NEVER else due
 
-    def _change(self, name: str, limits: Sequence[float | None], since: Integers) -> None:
-        for subject in self._kinds[name].change(limits, since, self._now):
+    def _change(
+        self, name: str, limits: Sequence[float | None], since: Integers, start: int
+    ) -> None:
+        for subject in self._kinds[name].change(limits, since, start):
             self.active.pop((name, subject), None)
 
-    def _wait_for_expected(self) -> None:
+    def _wait_for_expected(self, start: int) -> None:
         """Wait for the edges and authorities that are named, and not known yet."""
         edges = [(each.parent, each.child) for each in self._expectations.edges if each.is_exact]
-        self._add_edges([each for each in edges if each not in self.edges], begun=True)
+        self._add_edges([each for each in edges if each not in self.edges], start)
         names = expected_authorities(self._expectations)
-        self._add_authorities([each for each in names if each not in self.authorities], begun=True)
+        self._add_authorities([each for each in names if each not in self.authorities], start)
 
-    def _add_edges(self, pairs: Sequence[tuple[str, str]], *, begun: bool = False) -> None:
+    def _add_edges(self, pairs: Sequence[tuple[str, str]], start: int | None = None) -> None:
         found = [self._limits(*pair) for pair in pairs]
         for pair in pairs:
             self.edges[pair] = len(self.edge_names)
             self.edge_names.append(pair)
         self._list_of = np.concatenate([self._list_of, self._number_lists(found)])
-        for name, limits in _limits_of_edges(found, [begun] * len(found)).items():
-            self._kinds[name].add(limits, [name == "missing"] * len(found), self._now)
+        for name, limits in _limits_of_edges(found, [start is not None] * len(found)).items():
+            self._kinds[name].add(limits, [name == "missing"] * len(found), start or 0)
         added = len(found)
         self._seen = np.concatenate([self._seen, np.zeros(added, dtype=bool)])
         self._newest = np.concatenate([self._newest, np.full(added, -1)])
@@ -388,13 +390,14 @@ class Judge:
         self._far = np.concatenate([self._far, np.zeros((2, added), dtype=np.int64)], axis=1)
         self._poses = np.concatenate([self._poses, np.zeros((added, 7))])
 
-    def _add_authorities(self, names: Sequence[str], *, begun: bool = False) -> None:
+    def _add_authorities(self, names: Sequence[str], start: int | None = None) -> None:
         limits = self._limits_of_authorities(names)
         for name in names:
             self.authorities[name] = len(self.authority_names)
             self.authority_names.append(name)
         self._rank()
-        self._kinds["liveliness"].add(limits, [begun] * len(names), self._now)
+        begun = [start is not None] * len(names)
+        self._kinds["liveliness"].add(limits, begun, start or 0)
 
     def _limits_of_authorities(self, names: Sequence[str]) -> list[float | None]:
         """Return their liveliness, and note their severities."""

@@ -112,12 +112,10 @@ class LiveJudge:
         self._due = self._next_due()
         return events
 
-    def change(self, expectations: Expectations) -> list[Event]:
-        """Judge the time until now, and by other expectations from now on."""
-        events = self.take([])
-        self.judge.change(expectations)
+    def change(self, expectations: Expectations) -> None:
+        """Judge by other expectations from now on."""
+        self.judge.change(expectations, self._live.now())
         self._due = self._next_due()
-        return events
 
     def _next_due(self) -> int | None:
         return self.judge.next_due() if self._judges else None

@@ -184,8 +184,7 @@ class Watcher:
             stream._abandon()
 
     def _change(self, live: LiveJudge, installed: list[Installed]) -> None:
-        expectations = joined([each.expectations for each in installed])
-        self._pending += live.change(expectations)
+        live.change(joined([each.expectations for each in installed]))
 
     def _wake(self) -> None:
         if self._source is not None:
