@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/howto/view.md: `python tools/draw_view_pictures.py [FOLDER]`.
+"""Draw the pictures of docs/howto/view.md and the README: `python tools/draw_view_pictures.py`.
 
 Chromium shows the page without a screen; Debian's package `chromium` has it.
 """
@@ -6,10 +6,12 @@ Chromium shows the page without a screen; Debian's package `chromium` has it.
 from __future__ import annotations
 
 import io
+import math
 import sys
 import threading
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -18,9 +20,15 @@ import tfdb
 from tfdb.cli.graph import Live
 from tfdb.view.model import Model
 
+if TYPE_CHECKING:
+    from tests.view.chromium import Page
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 FOLDER = ROOT / "docs" / "howto" / "view"
+MOVING = ROOT / "docs" / "pictures" / "view.webp"
+STEPS = 48
+"""Of the moving picture, ten a second."""
 COLOURS = 200
 FRAMES = 2000
 SILENT = 40
@@ -29,6 +37,29 @@ SILENT = 40
 def save(png: bytes, path: Path) -> None:
     """Save a screenshot with few colours."""
     Image.open(io.BytesIO(png)).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+
+
+def play(page: Page) -> None:
+    """Save a moving picture: the recording is played while the camera turns."""
+    page.resize(1200, 720)
+    page.run("tfdb.scene.center(tfdb.state.rowOf.get('torso_lift_link'))")
+    pictures = []
+    for step in range(STEPS):
+        page.run(f"tfdb.goTo(tfdb.state.start + {2_000_000_000 + step * 120_000_000}n)")
+        page.until("!tfdb.state.waits && tfdb.state.shownAt === tfdb.state.at")
+        page.run(
+            "(({camera, controls}) => { const {x, y} = controls.target; const angle = "
+            f"{0.9 * math.sin(2 * math.pi * step / STEPS) - 0.9:.4f};"
+            "camera.position.set(x + 2.6 * Math.cos(angle), y + 2.6 * Math.sin(angle), 2.2);"
+            "controls.update(); tfdb.scene.redraw(); })(tfdb.scene)"
+        )
+        page.until("!tfdb.scene.isDirty")
+        shot = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+        pictures.append(shot.resize((900, 540), Image.Resampling.LANCZOS))
+    first, *rest = pictures
+    first.save(
+        MOVING, save_all=True, append_images=rest, duration=100, loop=0, quality=40, method=6
+    )
 
 
 def feed(buf: tfdb.Buffer, stop: threading.Event) -> None:
@@ -58,7 +89,6 @@ def main() -> None:
     from tests.view.chromium import READY, chromium, find_chromium  # noqa: PLC0415 - of the checkout
     from tests.view.served import serving  # noqa: PLC0415
 
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     program = find_chromium()
     if program is None:
         sys.exit("chromium is missing: apt-get install chromium")
@@ -75,7 +105,8 @@ def main() -> None:
             page.run("tfdb.focus(tfdb.state.rowOf.get('l_gripper_tool_frame'))")
             page.until("tfdb.state.answer && tfdb.scene.trail.length")
             time.sleep(1)
-            save(page.screenshot(), folder / "robot.png")
+            save(page.screenshot(), FOLDER / "robot.png")
+            play(page)
         store, stop = tfdb.Buffer(history=20), threading.Event()
         thread = threading.Thread(target=feed, args=(store, stop))
         thread.start()
@@ -91,7 +122,7 @@ def main() -> None:
                 page.run("tfdb.focus(tfdb.state.rowOf.get('robot_002/link_9'))")
                 page.until("tfdb.state.answer")
                 time.sleep(1)
-                save(page.screenshot(), folder / "many.png")
+                save(page.screenshot(), FOLDER / "many.png")
         finally:
             stop.set()
             thread.join()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -137,7 +138,7 @@ def test_the_browser_is_opened(tool: Tool, bag: Path, monkeypatch: pytest.Monkey
 
     def open_(address: str) -> None:
         opened.append(address)
-        raise KeyboardInterrupt
+        os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(view.webbrowser, "open", open_)
     out = tool("view", bag, "--port", "0", code=130).out

@@ -6,6 +6,7 @@ import asyncio
 import errno
 import signal
 import sys
+import threading
 import webbrowser
 from typing import TYPE_CHECKING, Any, cast
 
@@ -104,7 +105,8 @@ def command(
             output.say(f"{address} shows {file}; Ctrl-C ends it")
         sys.stdout.flush()
         if not no_open:
-            webbrowser.open(address)
+            # A browser in the terminal returns at its end, and the page is served meanwhile.
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     def serve(model: Model) -> None:
         server = Server(model, host=host, port=port, names=names)

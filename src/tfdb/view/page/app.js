@@ -350,7 +350,7 @@ function judge() {
   for (let row = 0; row < names.length; row++) {
     let found = "fresh";
     const broken = showsAges && state.broken.get(names[row]);
-    if (parents[row] < 0) found = "static";
+    if (parents[row] < 0) found = world.children[row] ? "static" : "none";
     else if (broken) found = broken[0] === "warning" ? "late" : "silent";
     else if (!Number.isFinite(state.poses[7 * row])) found = "none";
     else if (state.isStatic[row]) found = "static";
@@ -569,7 +569,7 @@ function poseOf(answer) {
   const table = make("table", [
     line("xyz (m)", [x, y, z], 4, true),
     line("rpy (°)", degrees, 2, true),
-    line("quaternion", [qx, qy, qz, qw], 4, false),
+    line("xyzw", [qx, qy, qz, qw], 4, false),
   ], { className: "numbers" });
   const distance = Math.hypot(x, y, z);
   const when = answer.stamp === null ? "at all times" : state.at === null && state.hello.live ? "of the newest samples" : "at the stamp";
