@@ -42,8 +42,8 @@ _FAR = 1024.0
 """Metres: beyond, float32 rounds by more than 0.1 mm, and poses are sent relative to an origin."""
 _REST = 0.5
 _LONGEST_REST = 5.0
-_SHARE = 50
-"""Facts rest so many times as long as they took: they take 2 % of a core, or more every 5 s."""
+_SHARE = 100
+"""Facts rest so many times as long as they took: they take 1 % of a core, or more every 5 s."""
 _GAPS = 200
 _TRAIL = 240
 _TOPOLOGIES = 16

@@ -10,6 +10,7 @@ import secrets
 import socket
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,6 +47,8 @@ BACKLOG = 1 << 20
 _GATHERS = 0.005
 """Seconds after a commit that was waited for: others often come with it, and the next tick is then
 late enough to find the next commit without a wait."""
+_IDLE = 1.0
+"""Seconds between two looks at a store without viewers."""
 _LOOK = 0.1
 """Seconds between two looks at the time, where silences are judged."""
 _TYPES = {
@@ -133,6 +136,8 @@ class Server:
         folder = Path(__file__).parent / "page"
         self._files = {name: (folder / name).read_bytes() for name in _TYPES}
         self._viewers: list[Viewer] = []
+        self._came = asyncio.Event()
+        """Set when a viewer comes."""
         self._told = -1
         """The commit of the facts that were sent last."""
         self._counts = dict.fromkeys(("ticks", "dropped", "sent_bytes", "questions", "refused"), 0)
@@ -195,7 +200,12 @@ class Server:
                     if self._is_owed():
                         self._send(b"", began)
                     self._tell_facts([*events, *model.take_news()])
-            await asyncio.sleep(max(began + 1 / self._hz - time.monotonic(), 0.0))
+            if self._viewers or model.judges:
+                await asyncio.sleep(max(began + 1 / self._hz - time.monotonic(), 0.0))
+                continue
+            self._came.clear()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._came.wait(), _IDLE)
 
     async def _wait(self) -> int:
         """Wait for a commit that was not shown, or for a time to look; return the newest commit."""
@@ -297,6 +307,7 @@ class Server:
             self._model.look()
             self._model.tick()
         self._viewers.append(viewer)
+        self._came.set()
         past = asyncio.create_task(self._show_past(viewer))
         try:
             viewer.tell(self._model.hello())
