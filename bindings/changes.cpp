@@ -124,7 +124,8 @@ limit
 frames
     A frame, or several: only what commits did to these frames and their edges, and no record of a
     commit that did nothing to them. A follower reads `commit` of the buffer before the call, and
-    goes on from there where fewer than `limit` records come. None: all frames.
+    goes on from there where fewer than `limit` records come. A frame may be missing yet. None: all
+    frames.
 
 Returns
 -------
@@ -139,6 +140,8 @@ FeedLapped
     miss the commits before. The error's `oldest` is overwritten next.
 InvalidArgument
     The commit does not exist yet, or `limit` is not positive.
+InvalidName
+    No frame can have a name of `frames`.
 NotSupported
     The engine keeps no feed: `snapshot` and `giant` do.
 TransactionActive

@@ -144,7 +144,8 @@ max_commits
 max_bytes
     Largest size. A single commit is never cut; a larger one is returned alone.
 frames
-    Frames, or one: only these and their edges. None: all.
+    Frames, or one: only these and their edges. A frame may be missing yet: the commit that makes it
+    is returned. None: all.
 
 Returns
 -------
@@ -159,6 +160,8 @@ Gone
     A sample of these commits is no longer kept. Hold a snapshot of your position to prevent it.
 InvalidArgument
     The commit does not exist yet, or a limit is not positive.
+InvalidName
+    No frame can have a name of `frames`.
 NotSupported
     The engine keeps no feed: `snapshot` and `giant` do.
 TransactionActive
@@ -221,11 +224,12 @@ constexpr const char* kStateBytesDoc =
 Parameters
 ----------
 frames
-    Frames, or one: only these and their edges. None: all.
+    Frames, or one: only these and their edges. A frame that the state lacks is left out: the commits
+    that follow (`commits_bytes` with the same frames) make it. None: all.
 newest
     Largest number of samples of each edge, the newest ones. None: all.
 
-Raises SnapshotTooOld, SnapshotClosed.)";
+Raises SnapshotTooOld, SnapshotClosed; InvalidName for a name that no frame can have.)";
 
 }  // namespace
 

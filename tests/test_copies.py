@@ -191,6 +191,45 @@ def test_chosen_frames() -> None:
     assert cut.samples(NAMES[2])[0].tolist() == source.samples(NAMES[2])[0].tolist()[-2:]
 
 
+def test_a_copy_of_frames_that_are_missing_at_first() -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    data = state_of(source, ["later"])
+    assert copy.apply(data).commit == 1
+    assert copy.frames() == []
+    source.set_transform("map", "later", 20, *pose(2))
+    copy.apply(source.commits_bytes(1, frames="later"))
+    assert copy.frames() == ["later", "map"]
+    assert copy.lookup_transform("map", "later", 20) == source.lookup_transform("map", "later", 20)
+    for call in (
+        source.snapshot().state_bytes,
+        lambda frames: source.commits_bytes(0, frames=frames),
+    ):
+        with pytest.raises(errors.InvalidName, match="frame name ''"):
+            call(frames=["base", ""])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_chosen_frames_in_samples_of_any_size(seed: int) -> None:
+    """Frames that are asked for are removed and made again, within a sample and behind it."""
+    source = tfdb.Buffer(history=None)
+    writer = Writer(seed)
+    copies = {most: tfdb.Buffer(history=None) for most in (1, 5, 10_000)}
+    seen = dict.fromkeys(copies, 0)
+    with source.snapshot() as held:
+        for _ in range(200):
+            writer.act(source)
+        for most, copy in copies.items():
+            while seen[most] < source.commit:
+                data = source.commits_bytes(seen[most], max_commits=most, frames=NAMES[:2])
+                seen[most] = copy.apply(data).commit
+        assert held.commit == 0
+    whole = copies.pop(10_000)
+    assert whole.commit > 20
+    for copy in copies.values():
+        assert_same(copy, whole)
+
+
 def test_limits_of_a_sample() -> None:
     source = tfdb.Buffer()
     assert source.commits_bytes(0) == b""

@@ -610,11 +610,12 @@ class NativeSnapshot(Reads):
         Parameters
         ----------
         frames
-            Frames, or one: only these and their edges. None: all.
+            Frames, or one: only these and their edges. A frame that the state lacks is left out: the commits
+            that follow (`commits_bytes` with the same frames) make it. None: all.
         newest
             Largest number of samples of each edge, the newest ones. None: all.
 
-        Raises SnapshotTooOld, SnapshotClosed.
+        Raises SnapshotTooOld, SnapshotClosed; InvalidName for a name that no frame can have.
         """
 
     def at(self, commit: int) -> Snapshot:
@@ -870,7 +871,8 @@ class NativeBuffer(Reads):
         frames
             A frame, or several: only what commits did to these frames and their edges, and no record of a
             commit that did nothing to them. A follower reads `commit` of the buffer before the call, and
-            goes on from there where fewer than `limit` records come. None: all frames.
+            goes on from there where fewer than `limit` records come. A frame may be missing yet. None: all
+            frames.
 
         Returns
         -------
@@ -885,6 +887,8 @@ class NativeBuffer(Reads):
             miss the commits before. The error's `oldest` is overwritten next.
         InvalidArgument
             The commit does not exist yet, or `limit` is not positive.
+        InvalidName
+            No frame can have a name of `frames`.
         NotSupported
             The engine keeps no feed: `snapshot` and `giant` do.
         TransactionActive
@@ -907,7 +911,8 @@ class NativeBuffer(Reads):
         max_bytes
             Largest size. A single commit is never cut; a larger one is returned alone.
         frames
-            Frames, or one: only these and their edges. None: all.
+            Frames, or one: only these and their edges. A frame may be missing yet: the commit that makes it
+            is returned. None: all.
 
         Returns
         -------
@@ -922,6 +927,8 @@ class NativeBuffer(Reads):
             A sample of these commits is no longer kept. Hold a snapshot of your position to prevent it.
         InvalidArgument
             The commit does not exist yet, or a limit is not positive.
+        InvalidName
+            No frame can have a name of `frames`.
         NotSupported
             The engine keeps no feed: `snapshot` and `giant` do.
         TransactionActive

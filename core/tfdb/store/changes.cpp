@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "tfdb/store/feed_notes.hpp"
+#include "tfdb/store/validate.hpp"
 
 namespace tfdb::store {
 namespace {
@@ -50,7 +51,7 @@ private:
             return true;
         }
         std::string name;
-        if (!filter_.may_contain(id, notes_, commit))
+        if (!filter_.may_contain(id, newest_, commit))
             return true;
         if (!notes_.name_of(store_, newest_, id, commit, name))
             return false;
@@ -143,6 +144,7 @@ FrameFilter::FrameFilter(const Store& store, CommitNumber newest, Only only) : o
     if (!only_)
         return;
     for (const std::string_view name : *only_) {
+        check_may_exist(name, "no commit would ever touch it: the");
         names_.insert(name);
         if (const FrameId id = store.names.find(name, newest); id != kNoFrame)
             ids_.insert(id);
@@ -196,37 +198,29 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit,
     store::check_not_in_transaction(*store_);
     std::vector<Changes> all;
     store::FeedNotes notes;
-    const auto read = [&](const StoreView& view, CommitNumber first, CommitNumber last) {
-        all.clear();
-        const store::FrameFilter filter(*store_, view.commit(), only);
-        store::ChangeReader reader(*store_, view, notes, filter);
-        for (CommitNumber commit = first; commit <= last && all.size() < limit; ++commit) {
-            const Outcome outcome = reader.read(commit, all.emplace_back());
-            if (outcome != Outcome::kOk)
-                return outcome;
-            if (!filter.is_for_all() && !reader.touched_any())
-                all.pop_back();
-        }
-        return Outcome::kOk;
-    };
     const auto attempt = [&](const StoreView& view) {
         all.clear();
         const CommitNumber newest = view.commit();
         if (since > newest)
             store::throw_future_commit(since, newest);
-        const std::size_t wanted =
-            only ? newest - since : std::min<std::uint64_t>(limit, newest - since);
-        if (wanted == 0)
+        if (since == newest || limit == 0)
             return Outcome::kOk;
-        // What was removed later has its name there: only where that is asked for are all read.
-        for (const CommitNumber last : {since + wanted, newest}) {
-            if (!kept || !notes.read(*store_, since + 1, last))
-                store::throw_lapped(*store_, since);
-            const Outcome outcome = read(view, since + 1, since + wanted);
-            if (outcome == Outcome::kOk || last == newest)
-                return outcome;
-        }
-        return Outcome::kOk;
+        if (!kept)
+            store::throw_lapped(*store_, since);
+        const store::FrameFilter filter(*store_, newest, only);
+        store::ChangeReader reader(*store_, view, notes, filter);
+        const auto read = [&](CommitNumber last) {
+            all.clear();
+            for (CommitNumber commit = since + 1; commit <= last && all.size() < limit; ++commit) {
+                const Outcome outcome = reader.read(commit, all.emplace_back());
+                if (outcome != Outcome::kOk)
+                    return outcome;
+                if (!filter.is_for_all() && !reader.touched_any())
+                    all.pop_back();
+            }
+            return all.size() < limit && last < newest ? Outcome::kLapped : Outcome::kOk;
+        };
+        return store::read_notes(*store_, notes, since, newest, limit, read);
     };
     (void)store::read(*store_, store::kNewest, attempt);
     return all;

@@ -448,25 +448,48 @@ TFDB_TEST(changes_of_some_frames_leave_out_all_others) {
             if (any)
                 expected.push_back(std::move(changes));
         }
-        const std::vector<Changes> found = buffer.changes(0, Buffer::kNoLimit, wanted);
-        CHECK(expected.size() > 50);
-        CHECK_EQ(found.size(), expected.size());
-        for (std::size_t i = 0; i < std::min(found.size(), expected.size()); ++i) {
-            CHECK_EQ(found[i].commit, expected[i].commit);
-            CHECK_EQ(found[i].stored.size(), expected[i].stored.size());
-            for (std::size_t k = 0; k < found[i].stored.size(); ++k) {
-                CHECK_EQ(found[i].stored[k].child, expected[i].stored[k].child);
-                CHECK(found[i].stored[k].stamps == expected[i].stored[k].stamps);
+        const auto check_expected = [&](const std::vector<Changes>& found) {
+            CHECK_EQ(found.size(), expected.size());
+            for (std::size_t i = 0; i < std::min(found.size(), expected.size()); ++i) {
+                CHECK_EQ(found[i].commit, expected[i].commit);
+                CHECK_EQ(found[i].stored.size(), expected[i].stored.size());
+                for (std::size_t k = 0; k < found[i].stored.size(); ++k) {
+                    CHECK_EQ(found[i].stored[k].child, expected[i].stored[k].child);
+                    CHECK(found[i].stored[k].stamps == expected[i].stored[k].stamps);
+                }
+                CHECK(found[i].made == expected[i].made);
+                CHECK(found[i].moved == expected[i].moved);
+                CHECK(found[i].cleared == expected[i].cleared);
+                CHECK(found[i].removed == expected[i].removed);
             }
-            CHECK(found[i].made == expected[i].made);
-            CHECK(found[i].moved == expected[i].moved);
-            CHECK(found[i].cleared == expected[i].cleared);
-            CHECK(found[i].removed == expected[i].removed);
+        };
+        CHECK(expected.size() > 50);
+        check_expected(buffer.changes(0, Buffer::kNoLimit, wanted));
+        for (const std::size_t limit : {1, 3, 20}) {
+            std::vector<Changes> pages;
+            for (bool more = true; more;) {
+                const CommitNumber last = pages.empty() ? 0 : pages.back().commit;
+                const std::vector<Changes> page = buffer.changes(last, limit, wanted);
+                CHECK(page.size() <= limit);
+                more = page.size() == limit;
+                pages.insert(pages.end(), page.begin(), page.end());
+            }
+            check_expected(pages);
         }
-        const std::vector<Changes> first = buffer.changes(0, 3, wanted);
-        CHECK_EQ(first.size(), std::size_t{3});
-        CHECK_EQ(first.back().commit, expected[2].commit);
     }
+}
+
+TFDB_TEST(changes_of_names_that_no_frame_can_have_are_refused) {
+    if (skipped())
+        return;
+    Buffer buffer(defaults());
+    set(buffer, "map", "base", 1, pose_of(1.0));
+    const std::string_view empty[] = {"base", ""};
+    const std::string_view missing[] = {"not there yet"};
+    CHECK_THROWS_AS(buffer.changes(0, 1, empty), InvalidName);
+    CHECK_THROWS_AS(buffer.commits_bytes(0, {}, empty), InvalidName);
+    CHECK_THROWS_AS(buffer.snapshot().state_bytes(empty), InvalidName);
+    CHECK(buffer.changes(0, 1, missing).empty());
 }
 
 }  // namespace tfdb

@@ -160,7 +160,7 @@ private:
         const FrameId id = FeedNote::id(note);
         const unsigned what = FeedNote::what(note);
         if (!whole_ || (what & FeedNote::kRemoved) != 0 ||
-            !filter_.may_contain(id, notes_, commit_))
+            !filter_.may_contain(id, newest_, commit_))
             return;
         if (is_gone(id))  // it was made or written, and is no more
             return;
@@ -452,25 +452,6 @@ std::vector<std::byte> Buffer::commits_bytes(
     const std::uint32_t choice = store::choice_of(only);
     std::vector<std::byte> bytes;
     store::FeedNotes notes;
-    const auto encode = [&](const StoreView& view, CommitNumber last) {
-        const store::FrameFilter filter(*store_, view.commit(), only);
-        store::CommitEncoder encoder(*store_, view, notes, filter, since, last);
-        auto& writer = encoder.sample.writer;
-        CommitNumber commit = since;
-        while (commit < last && writer.commits() < limits.commits) {
-            const auto before = writer.mark();
-            if (const Outcome outcome = encoder.add(commit + 1); outcome != Outcome::kOk)
-                return outcome;
-            if (writer.commits() > 1 && writer.size() > limits.bytes) {
-                writer.cut(before);
-                break;
-            }
-            ++commit;
-        }
-        bytes = writer.finish(wire::CommitSample::Kind::kCommits, store_->epoch(), choice, since,
-                              commit);
-        return Outcome::kOk;
-    };
     const auto attempt = [&](const StoreView& view) {
         bytes.clear();
         const CommitNumber newest = view.commit();
@@ -478,17 +459,32 @@ std::vector<std::byte> Buffer::commits_bytes(
             store::throw_future_commit(since, newest);
         if (since == newest)
             return Outcome::kOk;
-        const CommitNumber last =
-            only ? newest : since + std::min<std::uint64_t>(limits.commits, newest - since);
-        // What was removed later has its name there: only where that is asked for are all read.
-        for (const CommitNumber noted : {last, newest}) {
-            if (!kept || !notes.read(*store_, since + 1, noted))
-                store::throw_lapped(*store_, since);
-            const Outcome outcome = encode(view, last);
-            if (outcome == Outcome::kOk || noted == newest)
-                return outcome;
-        }
-        return Outcome::kOk;
+        if (!kept)
+            store::throw_lapped(*store_, since);
+        const store::FrameFilter filter(*store_, newest, only);
+        const auto encode = [&](CommitNumber last) {
+            store::CommitEncoder encoder(*store_, view, notes, filter, since, last);
+            auto& writer = encoder.sample.writer;
+            CommitNumber commit = since;
+            bool full = false;
+            while (!full && commit < last) {
+                const auto before = writer.mark();
+                if (const Outcome outcome = encoder.add(commit + 1); outcome != Outcome::kOk)
+                    return outcome;
+                const bool too_large = writer.commits() > 1 && writer.size() > limits.bytes;
+                if (too_large)
+                    writer.cut(before);
+                else
+                    ++commit;
+                full = too_large || writer.commits() == limits.commits;
+            }
+            if (!full && last < newest)
+                return Outcome::kLapped;
+            bytes = writer.finish(wire::CommitSample::Kind::kCommits, store_->epoch(), choice,
+                                  since, commit);
+            return Outcome::kOk;
+        };
+        return store::read_notes(*store_, notes, since, newest, limits.commits, encode);
     };
     (void)store::read(*store_, store::kNewest, attempt);
     return bytes;

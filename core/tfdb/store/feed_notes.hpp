@@ -20,9 +20,10 @@ namespace tfdb::store {
 class FeedNotes {
 public:
     /// False: the feed does not reach back to `first` any more.
-    [[nodiscard]] bool read(const Store& store, CommitNumber first, CommitNumber last) {
+    template <class AnyStore>
+    [[nodiscard]] bool read(const AnyStore& store, CommitNumber first, CommitNumber last) {
         first_ = first;
-        if (!StoreFeed(store.frames).read(first, last, words_, ends_))
+        if (!txn::Feed(store.frames).read(first, last, words_, ends_))
             return false;
         removals_.clear();
         for (CommitNumber commit = first; commit <= last; ++commit) {
@@ -96,14 +97,14 @@ private:
 class FrameFilter {
 public:
     using Only = std::optional<std::span<const std::string_view>>;
-    /// None: all frames.
+    /// None: all frames. Throws InvalidName for a name that no frame can have.
     FrameFilter(const Store& store, CommitNumber newest, Only only);
 
     [[nodiscard]] bool is_for_all() const { return !only_; }
-    /// By the frame's id in the newest state: false for one that is surely not asked for. A frame
-    /// that was removed since is judged by its name.
-    [[nodiscard]] bool may_contain(FrameId id, const FeedNotes& notes, CommitNumber commit) const {
-        return !only_ || ids_.contains(id) || notes.removed(id, commit) != nullptr;
+    /// By the frame's id in a state: false for one that is surely not asked for. A frame that is
+    /// not in that state any more is judged by its name.
+    [[nodiscard]] bool may_contain(FrameId id, const StoreView& newest, CommitNumber commit) const {
+        return !only_ || ids_.contains(id) || !newest.alive_since(id, commit);
     }
     [[nodiscard]] bool contains(std::string_view name) const {
         return !only_ || names_.contains(name);
@@ -130,10 +131,28 @@ template <class Visit>
     });
 }
 
+[[noreturn]] void throw_lapped(const Store& store, CommitNumber since);
+
+/// Reads the notes of commits after `since`, of more and more of them, until `use(last)` returns
+/// kOk for those up to that one, or they are all up to `newest`. The names of frames that were
+/// removed later are found with more notes. `least`: how many commits are wanted. Throws
+/// FeedLapped.
+template <class Use>
+[[nodiscard]] lookup::Outcome read_notes(const Store& store, FeedNotes& notes, CommitNumber since,
+                                         CommitNumber newest, std::uint64_t least, Use use) {
+    for (std::uint64_t count = least;; count *= 4) {
+        const CommitNumber last = since + std::min<std::uint64_t>(count, newest - since);
+        if (!notes.read(store, since + 1, last))
+            throw_lapped(store, since);
+        const lookup::Outcome outcome = use(last);
+        if (outcome != lookup::Outcome::kLapped || last == newest)
+            return outcome;
+    }
+}
+
 /// Throws where the store keeps no feed: NotSupported. False: it is frozen and has no commits to
 /// come.
 [[nodiscard]] bool has_feed(const Store& store);
 [[noreturn]] void throw_future_commit(CommitNumber since, CommitNumber newest);
-[[noreturn]] void throw_lapped(const Store& store, CommitNumber since);
 
 }  // namespace tfdb::store

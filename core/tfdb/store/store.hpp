@@ -23,6 +23,7 @@
 #include "tfdb/store/writer_lock.hpp"
 #include "tfdb/sync/fork.hpp"
 #include "tfdb/sync/published.hpp"
+#include "tfdb/sync/wait_group.hpp"
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
@@ -36,12 +37,18 @@ using StoreFeed = txn::Feed<StoreMemory>;
 
 namespace store {
 
-class Waits;
+template <class Store>
+class BasicWaits;
+struct Store;
+using Waits = BasicWaits<Store>;
 
 /// The region with the forest in it, and what only the writers of this process need.
 /// Threads: reads any; `scratch`, `items` and `samples` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
 struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
+    using Word = sync::Word;
+    using WaitGroup = sync::WaitGroup;
+
     explicit Store(const BufferOptions& options);
     /// One that processes share. Throws CorruptStore.
     explicit Store(memory::SharedFile file);
@@ -242,8 +249,9 @@ private:
 
 /// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
 /// that succeed need not ask; listings, and errors, must.
-[[nodiscard]] inline lookup::Outcome unless_reused(const Store& store, CommitNumber commit,
-                                                   lookup::Outcome outcome) {
+template <class AnyStore>
+[[nodiscard]] lookup::Outcome unless_reused(const AnyStore& store, CommitNumber commit,
+                                            lookup::Outcome outcome) {
     sync::fence_acquire();
     return commit < store.word(graph::kRecycleFloor).load_relaxed() ? lookup::Outcome::kLapped
                                                                     : outcome;

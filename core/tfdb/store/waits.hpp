@@ -1,18 +1,23 @@
 // Waits for answers and commits: woken by the commit that touched a frame they depend on.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <string>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "tfdb/base/interruption.hpp"
 #include "tfdb/store/feed_notes.hpp"
+#include "tfdb/store/path_frames.hpp"
 #include "tfdb/store/question.hpp"
 #include "tfdb/store/wait_end.hpp"
+#include "tfdb/sync/fork.hpp"
 #include "tfdb/sync/wait_group.hpp"
 
 namespace tfdb::store {
@@ -33,41 +38,109 @@ private:
 
 /// The waits and watches of one process on one store. The leading thread reads the change feed and
 /// repeats the question of each wait whose path a commit touched, or whose missing frame it made;
-/// of a watch it wakes the threads.
+/// of a watch it wakes the threads. `Store` is another one in walks of every interleaving.
 /// Threads: any. Guarantee: `wait`, `sleep` and `ended` block, the others only against each other.
 /// Each wait ends once, with a `WaitEnd`.
-class Waits {
+template <class Store>
+class BasicWaits {
+    using WaitGroup = typename Store::WaitGroup;
+    using Word = typename Store::Word;
+    using Locked = typename WaitGroup::Locked;
+    struct Look;
+    struct Sleeper;
+
 public:
     /// `commit_event`: notified behind each commit.
-    Waits(const Store& store, sync::Word& commit_event);
-    ~Waits();
-    Waits(const Waits&) = delete;
-    Waits& operator=(const Waits&) = delete;
+    BasicWaits(const Store& store, Word& commit_event)
+        : store_(store), forks_(sync::forks()), group_(commit_event) {}
+    BasicWaits(const BasicWaits&) = delete;
+    BasicWaits& operator=(const BasicWaits&) = delete;
 
     /// The process of the waiting threads: see `sync::forks`.
     [[nodiscard]] std::uint64_t forks() const { return forks_; }
 
+    /// One wait, for an answer or for a commit; or a watch, which goes on when it was touched.
+    /// Threads: as Waits. Guarantee: none.
+    struct Wait {
+        explicit Wait(const Word& of_watch) : closed(&of_watch) {}
+        explicit Wait(const Question& asked) : question(asked) {}
+        explicit Wait(CommitNumber commit) : after(commit) {}
+
+        /// Names of its own, for it outlives its caller's.
+        void keep_names() {
+            FrameRef* const frames[] = {&question.target, &question.source, &question.fixed};
+            for (std::size_t i = 0; i < names.size(); ++i) {
+                if (frames[i]->name.data() == nullptr)
+                    continue;
+                names[i] = frames[i]->name;
+                frames[i]->name = names[i];
+            }
+        }
+
+        Question question{};
+        std::optional<CommitNumber> after{};  // instead of the question
+        std::array<std::string, 3> names{};
+        std::vector<Look> looks{};  // each frame once
+        std::uint64_t touched = 0;  // the round that found it touched last
+        Sleeper* sleepers = nullptr;
+        std::uint64_t number = 0;  // of one that was begun
+        WaitEnd how = WaitEnd::kTimedOut;
+        const Word* closed = nullptr;  // a watch's; null: it is none
+        // A watch: nothing touched its looks after the one commit, until the other; none: to the
+        // newest that was looked at.
+        CommitNumber quiet_after = 0;
+        std::optional<CommitNumber> quiet_until{};
+        std::uint64_t news = 0;  // how often it was touched, or got other looks
+    };
+
     /// Waits until the question has an answer.
-    [[nodiscard]] WaitEnd wait(const Question& question, Patience patience);
+    [[nodiscard]] WaitEnd wait(const Question& question, Patience patience) {
+        Wait asked(question);
+        return wait(asked, patience);
+    }
     /// Waits for a commit after this one.
-    [[nodiscard]] WaitEnd wait(CommitNumber after, Patience patience);
+    [[nodiscard]] WaitEnd wait(CommitNumber after, Patience patience) {
+        Wait asked(after);
+        return wait(asked, patience);
+    }
 
     /// Non-blocking form; `ended` reports completion. Returns the wait's number; 0: the answer is
     /// there.
-    [[nodiscard]] std::uint64_t begin(const Question& question);
-    [[nodiscard]] std::uint64_t begin(CommitNumber after);
+    [[nodiscard]] std::uint64_t begin(const Question& question) {
+        auto asked = std::make_unique<Wait>(question);
+        asked->keep_names();
+        return begin(std::move(asked));
+    }
+    [[nodiscard]] std::uint64_t begin(CommitNumber after) {
+        return begin(std::make_unique<Wait>(after));
+    }
     /// Cancels the wait. False: it had already ended.
-    bool cancel(std::uint64_t number);
+    bool cancel(std::uint64_t number) {
+        const Locked locked(group_);
+        const auto found = begun_.find(number);
+        if (found == begun_.end())
+            return false;
+        remove(*found->second);
+        begun_.erase(found);
+        return true;
+    }
     /// Waits for some of those to end, and takes them, as they were begun. None: they were all
     /// cancelled, or the patience was at an end. Without patience the call does not block.
-    [[nodiscard]] std::vector<EndedWait> ended(Patience patience);
+    [[nodiscard]] std::vector<EndedWait> ended(Patience patience) {
+        const Locked locked(group_);
+        stay_until_ended(patience);
+        std::vector<EndedWait> taken = ended_;
+        ended_.clear();
+        std::sort(taken.begin(), taken.end(),
+                  [](const EndedWait& a, const EndedWait& b) { return a.number < b.number; });
+        return taken;
+    }
     /// The same, but takes none. One thread at a time waits in these two.
-    void await_ended(Patience patience);
+    void await_ended(Patience patience) {
+        const Locked locked(group_);
+        stay_until_ended(patience);
+    }
 
-    /// What a watch looks at.
-    struct Wait;
-    /// `closed`: not 0 once it is closed.
-    [[nodiscard]] static std::shared_ptr<Wait> new_watch(const sync::Word& closed);
     struct Looked {
         // The commits after the first, to the second, touched nothing.
         CommitNumber quiet_after = 0;
@@ -76,40 +149,337 @@ public:
     };
     /// Has a watch look at these frames from now on: sorted, each once; they may be kBirths and
     /// kCommits. If they are others than before, its threads wake as if they had been touched.
-    [[nodiscard]] Looked look_at(Wait& watch, const std::vector<FrameId>& frames);
+    [[nodiscard]] Looked look_at(Wait& watch, const std::vector<FrameId>& frames) {
+        const Locked locked(group_);
+        if (watch.closed->load_acquire() != 0)
+            return {};
+        begin_looking();
+        Looked looked{watch.quiet_after, watch.quiet_until.value_or(seen_), watch.news};
+        if (enter(watch, frames)) {
+            looked = {0, 0, ++watch.news};
+            wake(watch, WaitEnd::kCame);
+            group_.tell();
+            watch.quiet_after = seen_;
+        } else if (watch.quiet_until) {
+            watch.quiet_after = seen_;
+        }
+        watch.quiet_until.reset();
+        return looked;
+    }
     /// Waits until one of them is touched; does not wait if that was so since that `look_at`.
-    [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t news, Patience patience);
+    [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t news, Patience patience) {
+        const Locked locked(group_);
+        // Without looks: it is closed, or was ended by a stop since when waits may begin again.
+        if (watch.news != news || watch.closed->load_acquire() != 0 ||
+            (watch.looks.empty() && !closed_))
+            return WaitEnd::kCame;
+        if (closed_)
+            return *closed_;
+        Sleeper me(watch);
+        group_.wait(
+            me.waiter, [this] { look(); }, patience);
+        return me.how;
+    }
     /// The watch looks at nothing any more, and its threads wake as if it had been touched.
-    void leave(Wait& watch) noexcept;
+    void leave(Wait& watch) noexcept {
+        const Locked locked(group_);
+        remove(watch);
+        wake(watch, WaitEnd::kCame);
+        group_.tell();
+    }
 
     /// All waits end now, and so do those that come: as kClosed or kStopped. The first kClosed
     /// stays.
-    void close(WaitEnd how);
+    void close(WaitEnd how) {
+        const Locked locked(group_);
+        look();  // what has come has come
+        if (closed_ != WaitEnd::kClosed)
+            closed_ = how;
+        end_all(how);
+        if (teller_ != nullptr)
+            group_.end(*teller_);
+        group_.tell();
+    }
     /// Waits may begin again after kStopped.
-    void reopen();
+    void reopen() {
+        const Locked locked(group_);
+        if (closed_ == WaitEnd::kStopped)
+            closed_.reset();
+    }
 
 private:
-    struct Look;
-    struct Sleeper;
-    using WaitGroup = sync::WaitGroup;
+    /// A wait's dependence on a frame, in the frame's list.
+    struct Look {
+        FrameId frame;
+        Wait* wait;
+        Look* next = nullptr;
+        Look** from = nullptr;  // what points to this one
+    };
+    /// A thread that waits. Threads: as Waits. Guarantee: in the wait's list for its lifetime.
+    struct Sleeper {
+        explicit Sleeper(Wait& slept_for) : wait(slept_for), next(slept_for.sleepers) {
+            wait.sleepers = this;
+        }
+        ~Sleeper() {
+            Sleeper** from = &wait.sleepers;
+            while (*from != this)
+                from = &(*from)->next;
+            *from = next;
+        }
+        Sleeper(const Sleeper&) = delete;
+        Sleeper& operator=(const Sleeper&) = delete;
 
-    [[nodiscard]] WaitEnd wait(Wait& wait, Patience patience);
-    [[nodiscard]] std::uint64_t begin(std::unique_ptr<Wait> wait);
-    [[nodiscard]] bool is_answered(Wait& wait);
-    bool add(Wait& wait);
-    void remove(Wait& wait) noexcept;
-    bool enter(Wait& wait, const std::vector<FrameId>& frames);
-    void begin_looking();
-    void forget(const std::vector<FrameId>& frames) noexcept;
-    void unlink(std::vector<Look>& looks) noexcept;
-    void wake(Wait& wait, WaitEnd how) noexcept;
-    void end(Wait& wait, WaitEnd how) noexcept;
-    void end_all(WaitEnd how) noexcept;
-    void stay_until_ended(Patience patience);
-    void look();
-    void collect_touched(CommitNumber newest);
-    const std::vector<FrameId>& noted_frames(CommitNumber newest);
-    [[nodiscard]] std::vector<FrameId> frames_of(const Wait& wait) const;
+        Wait& wait;
+        Sleeper* next;
+        typename WaitGroup::Waiter waiter{};
+        WaitEnd how = WaitEnd::kTimedOut;
+    };
+
+    [[nodiscard]] WaitEnd wait(Wait& wait, Patience patience) {
+        const Locked locked(group_);
+        if (!add(wait))
+            return wait.how;
+        try {
+            Sleeper me(wait);
+            group_.wait(
+                me.waiter, [this] { look(); }, patience);
+        } catch (...) {
+            remove(wait);
+            throw;
+        }
+        remove(wait);
+        return wait.how;
+    }
+    [[nodiscard]] std::uint64_t begin(std::unique_ptr<Wait> wait) {
+        const Locked locked(group_);
+        // Room for all ends, so that ending a wait needs no memory.
+        if (const std::size_t ends = ended_.size() + begun_.size() + 1; ends > ended_.capacity())
+            ended_.reserve(2 * ends);
+        Wait& begun = *wait;
+        begun.number = ++last_number_;
+        begun_.emplace(begun.number, std::move(wait));
+        try {
+            if (add(begun))
+                return begun.number;
+        } catch (...) {
+            begun_.erase(begun.number);
+            throw;
+        }
+        if (begun.how == WaitEnd::kCame) {
+            begun_.erase(begun.number);
+            return 0;
+        }
+        const std::uint64_t number = begun.number;
+        end(begun, begun.how);
+        return number;
+    }
+    void stay_until_ended(Patience patience) {
+        look();
+        if (!ended_.empty() || closed_ || patience.left() <= 0)
+            return;
+        typename WaitGroup::Waiter me;
+        teller_ = &me;
+        try {
+            group_.wait(
+                me, [this] { look(); }, patience);
+        } catch (...) {
+            teller_ = nullptr;
+            throw;
+        }
+        teller_ = nullptr;
+    }
+
+    /// False: it has ended already, with `how`.
+    bool add(Wait& wait) {
+        begin_looking();
+        if (is_answered(wait))
+            wait.how = WaitEnd::kCame;
+        else if (closed_)
+            wait.how = *closed_;
+        else
+            (void)enter(wait, frames_of(wait));
+        return !wait.looks.empty();
+    }
+    void begin_looking() {
+        if (!looks_.empty())
+            return;
+        seen_ = store_.committed();
+        seen_removals_ = store_.removals();
+    }
+    void remove(Wait& wait) noexcept {
+        unlink(wait.looks);
+        wait.looks.clear();
+    }
+    /// All or nothing, if it throws. False: it looks at these frames already.
+    bool enter(Wait& wait, const std::vector<FrameId>& frames) {
+        const auto is_of = [](const Look& look, FrameId frame) { return look.frame == frame; };
+        if (std::equal(wait.looks.begin(), wait.looks.end(), frames.begin(), frames.end(), is_of))
+            return false;
+        std::vector<Look> looks;
+        try {
+            for (const FrameId frame : frames) {
+                looks_.try_emplace(frame, nullptr);
+                looks.push_back({frame, &wait});
+            }
+        } catch (...) {
+            forget(frames);
+            throw;
+        }
+        for (Look& look : looks) {
+            Look*& first = looks_.find(look.frame)->second;
+            look.next = first;
+            look.from = &first;
+            if (first != nullptr)
+                first->from = &look.next;
+            first = &look;
+        }
+        wait.looks.swap(looks);
+        unlink(looks);
+        return true;
+    }
+    /// Of these frames, those that no wait depends on.
+    void forget(const std::vector<FrameId>& frames) noexcept {
+        for (const FrameId frame : frames) {
+            const auto found = looks_.find(frame);
+            if (found != looks_.end() && found->second == nullptr)
+                looks_.erase(found);
+        }
+    }
+    void unlink(std::vector<Look>& looks) noexcept {
+        for (Look& look : looks) {
+            *look.from = look.next;
+            if (look.next != nullptr)
+                look.next->from = look.from;
+            else if (const auto found = looks_.find(look.frame); found->second == nullptr)
+                looks_.erase(found);
+        }
+    }
+    void wake(Wait& wait, WaitEnd how) noexcept {
+        for (Sleeper* sleeper = wait.sleepers; sleeper != nullptr; sleeper = sleeper->next) {
+            sleeper->how = how;
+            group_.end(sleeper->waiter);
+        }
+    }
+    void end(Wait& wait, WaitEnd how) noexcept {
+        remove(wait);
+        wait.how = how;
+        wake(wait, how);
+        if (wait.number == 0)
+            return;
+        ended_.push_back({wait.number, how});
+        begun_.erase(wait.number);
+        if (teller_ != nullptr)
+            group_.end(*teller_);
+    }
+    void end_all(WaitEnd how) noexcept {
+        while (!looks_.empty())
+            end(*looks_.begin()->second->wait, how);
+    }
+    bool is_answered(Wait& wait) {
+        if (wait.after)
+            return store_.committed() > *wait.after;
+        Failure failure;
+        const Question& question = wait.question;
+        if (!ask(store_, kNewest, wait.question, answer_, failure))
+            return false;
+        return question.kind != Question::kCommonTime || !question.stamp ||
+               answer_.stamp >= *question.stamp;
+    }
+    /// After it was asked: what must change before the answer can be another one. The frames up to
+    /// both roots, for whatever their edges say decides; of one that had several parents anything
+    /// may. A root is touched by the commit that gives it a parent.
+    [[nodiscard]] std::vector<FrameId> frames_of(const Wait& wait) const {
+        constexpr int kTries = 4;
+        if (wait.after)
+            return {kCommits};
+        const Question& question = wait.question;
+        std::vector<FrameId> frames;
+        bool whole = false;
+        for (int i = 0; i < kTries && !whole; ++i) {
+            frames.clear();
+            const auto view = store_.view(store_.committed());
+            const auto add = [&](const FrameRef& frame) {
+                Chain chain;
+                if (frame.handle.id >= store_.frames.count())
+                    chain.frames.push_back(kBirths);
+                else if (!climb(view, frame.handle.id, chain))
+                    return false;
+                else if (chain.sure < chain.frames.size())
+                    chain.frames.push_back(kCommits);
+                frames.insert(frames.end(), chain.frames.begin(), chain.frames.end());
+                return true;
+            };
+            whole = add(question.target) && add(question.source) &&
+                    (question.kind != Question::kFull || add(question.fixed));
+        }
+        if (!whole)
+            frames.push_back(kCommits);
+        std::sort(frames.begin(), frames.end());
+        frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+        return frames;
+    }
+
+    /// What was committed since it looked last.
+    void look() {
+        if (const std::uint64_t now = store_.removals(); now != seen_removals_) {
+            seen_removals_ = now;
+            end_all(WaitEnd::kRemoved);
+        }
+        const CommitNumber newest = store_.committed();
+        if (newest != seen_ && !looks_.empty()) {
+            collect_touched(newest);
+            for (Wait* const wait : touched_) {
+                if (wait->closed != nullptr) {
+                    if (!wait->quiet_until)
+                        wait->quiet_until = seen_;
+                    ++wait->news;
+                    wake(*wait, WaitEnd::kCame);
+                } else if (is_answered(*wait)) {
+                    end(*wait, WaitEnd::kCame);
+                } else {
+                    (void)enter(*wait, frames_of(*wait));
+                }
+            }
+        }
+        // Last: after an exception the next look begins anew.
+        seen_ = newest;
+    }
+    void collect_touched(CommitNumber newest) {
+        touched_.clear();
+        ++round_;
+        const auto collect = [this](const Look* look) {
+            for (; look != nullptr; look = look->next) {
+                if (look->wait->touched == round_)
+                    continue;
+                look->wait->touched = round_;
+                touched_.push_back(look->wait);
+            }
+        };
+        if (!notes_.read(store_, seen_ + 1, newest)) {
+            for (const auto& [frame, first] : looks_)
+                collect(first);
+            return;
+        }
+        for (const FrameId frame : noted_frames(newest)) {
+            if (const auto found = looks_.find(frame); found != looks_.end())
+                collect(found->second);
+        }
+    }
+    /// Those that the notes name, each once however often it is noted, and what stands for more.
+    const std::vector<FrameId>& noted_frames(CommitNumber newest) {
+        using txn::FeedNote;
+        noted_.assign(1, kCommits);
+        for (CommitNumber commit = seen_ + 1; commit <= newest; ++commit) {
+            notes_.for_each(commit, [this](std::uint64_t note, const std::string& /*name*/) {
+                if ((FeedNote::what(note) & FeedNote::kMade) != 0)
+                    noted_.push_back(kBirths);
+                noted_.push_back(FeedNote::id(note));
+            });
+        }
+        std::sort(noted_.begin(), noted_.end());
+        noted_.erase(std::unique(noted_.begin(), noted_.end()), noted_.end());
+        return noted_;
+    }
 
     const Store& store_;
     std::uint64_t forks_;
@@ -122,13 +492,15 @@ private:
     std::uint64_t last_number_ = 0;
     std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;
     std::vector<EndedWait> ended_;
-    WaitGroup::Waiter* teller_ = nullptr;  // the thread that waits for ends, or null
+    typename WaitGroup::Waiter* teller_ = nullptr;  // the thread that waits for ends, or null
     FeedNotes notes_;
     std::vector<FrameId> noted_;
     std::vector<Wait*> touched_;
     std::uint64_t round_ = 0;
     Answer answer_;
 };
+
+extern template class BasicWaits<Store>;
 
 /// Throws NotSupported, TransactionActive, Forked.
 [[nodiscard]] Waits& waits_of(const Store& store);

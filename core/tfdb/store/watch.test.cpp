@@ -553,6 +553,18 @@ TFDB_TEST(a_watch_returns_all_to_each_follower) {
     CHECK_EQ(first.size(), std::size_t{100});
     second.merge(touched(*watch, behind));
     CHECK(first == second);
+    for (const std::size_t limit : {1, 7, 64}) {
+        std::map<CommitNumber, What> pages;
+        for (bool more = true; more;) {
+            const CommitNumber last = pages.empty() ? 0 : pages.rbegin()->first;
+            const std::vector<Touch> page = watch->next(last, 0, limit);
+            CHECK(page.size() <= limit);
+            more = page.size() == limit;
+            for (const Touch& touch : page)
+                pages[touch.commit] = touch.what;
+        }
+        CHECK(first == pages);
+    }
 }
 
 TFDB_TEST(a_watch_ends_with_what_it_is_of) {

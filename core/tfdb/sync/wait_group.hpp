@@ -18,6 +18,8 @@ namespace tfdb::sync {
 template <class Word, std::int64_t RestNs = 1'000'000, int Spins = 100>
 class BasicWaitGroup {
 public:
+    using Lock = BasicCommitLock<Word, Spins>;
+
     /// A waiting thread.
     /// Threads: the group's lock is held. Guarantee: wait-free.
     class Waiter {
@@ -161,7 +163,7 @@ private:
 
     BasicEventCount<Word> event_;
     Word lock_word_;
-    BasicCommitLock<Word, Spins> lock_{lock_word_};
+    Lock lock_{lock_word_};
     Waiter* leader_ = nullptr;
     std::vector<Waiter*> present_;  // those not in a signal handler
     std::int64_t rests_until_ = 0;

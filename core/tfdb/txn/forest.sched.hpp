@@ -51,7 +51,8 @@ inline void require(bool holds, const char* text) {
     sched::Run::require(holds, text, "snapshot", 0);
 }
 
-inline void name_words(const WalkedForest& forest) {
+template <class AnyForest>
+void name_words(const AnyForest& forest) {
     static constexpr const char* kNames[] = {
         "tail",      "directory", "topology", "since",       "born",   "rate", "changed",
         "forgotten", "older",     "reshaped", "parent_from", "late",   "died", "name",

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from tfdb.data.errors import (
     BufferClosed,
@@ -17,7 +17,6 @@ from tfdb.data.errors import (
     SnapshotTooOld,
     WatchClosed,
 )
-from tfdb.data.types import Changes, Columns
 from tfdb.store.waiting import NO_ANSWER_YET
 
 from .event import Event
@@ -28,11 +27,8 @@ from .stats import RuleStats
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    import numpy.typing as npt
-
     from tfdb._core import Buffer, Snapshot, Transform, Watch
-    from tfdb.data.types import Touched
+    from tfdb.data.types import Changes, Touched
 
     from .rule import Rule, Subject
 
@@ -287,16 +283,21 @@ class Dispatcher:
             for rule in self._by_subject.get(subject, ())
             if record.commit > rule._seen
         ]
-        changes: Changes | None = None
+        changes: dict[str, Changes | None] = {}
         for _, rule, subject in sorted(due, key=lambda each: each[0]):
             if isinstance(subject, tuple):
                 self._judge(rule, subject, state, chain, None)
                 continue
-            if changes is None:
-                (changes,) = self._buffer.changes(record.commit - 1, 1)
-            its = changes if subject == EVERY else _of_frame(changes, subject)
-            if its is not None:
+            if subject not in changes:
+                changes[subject] = self._changes_of(record.commit, subject)
+            if (its := changes[subject]) is not None:
                 self._judge(rule, subject, state, chain, its)
+
+    def _changes_of(self, commit: int, frame: str) -> Changes | None:
+        """Return what a commit did to a frame, or to all; None: nothing."""
+        frames = None if frame == EVERY else (frame,)
+        found = self._buffer.changes(commit - 1, 1, frames=frames)
+        return found[0] if found and found[0].commit == commit else None
 
     def _evaluate_newest(self, newest: Snapshot) -> None:
         """Evaluate all rules on the newest state: those before are lost.
@@ -358,42 +359,6 @@ class Dispatcher:
         self.pool.count(rule, dropped=1)
         text = f"rule {rule.name!r} is not run: more than {rule._max_depth} rules led to it: "
         self.report(rule, event, RuleCycle(text + " -> ".join(chain), commit=state.commit))
-
-
-def _of_frame(changes: Changes, frame: str) -> Changes | None:
-    """Return the changes of one frame; None: the commit did nothing to it."""
-    count = len(changes.stored)
-    moving = [row for row, child in enumerate(changes.stored.children) if child == frame]
-    static = [row for row, child in enumerate(changes.stored_static.children) if child == frame]
-    lists = (changes.made, changes.moved, changes.cleared, changes.removed, changes.passing)
-    made, moved, cleared, removed, passing = (
-        tuple(name for name in names if name == frame) for names in lists
-    )
-    gone = {name: lost for name, lost in changes.gone.items() if name == frame}
-    if not (moving or static or gone or made or moved or cleared or removed or passing):
-        return None
-    return Changes(
-        changes.commit,
-        _rows_of(changes.stored, moving),
-        _rows_of(changes.stored_static, static),
-        tuple(changes.authorities[row] for row in (*moving, *(count + row for row in static))),
-        made,
-        moved,
-        cleared,
-        removed,
-        passing,
-        gone,
-    )
-
-
-def _rows_of(columns: Columns, rows: list[int]) -> Columns:
-    stamps = cast("npt.NDArray[np.int64] | None", columns.stamps)
-    return Columns(
-        [columns.parents[row] for row in rows],
-        [columns.children[row] for row in rows],
-        None if stamps is None else stamps[rows],
-        columns.poses[rows],
-    )
 
 
 def _watched(rules: list[Rule]) -> tuple[list[str], list[tuple[str, str]], bool]:

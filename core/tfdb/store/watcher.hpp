@@ -1,0 +1,79 @@
+// A watch at work: it reads the feed, and sleeps until a commit touches what it is of.
+#pragma once
+
+#include <mutex>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/store/touches.hpp"
+#include "tfdb/store/waits.hpp"
+
+namespace tfdb::store {
+
+/// What a Watch does in the process that made it. The other types are its own in walks only.
+/// Threads: any. Guarantee: as Watch.
+template <class Store, class Waits = BasicWaits<Store>, class Touches = BasicTouches<Store>>
+class BasicWatcher {
+public:
+    BasicWatcher(const Store& store, Waits& waits, const Watched& watched)
+        : store_(store), waits_(waits), touches_(store, watched) {}
+
+    [[nodiscard]] std::vector<Touch> next(CommitNumber after, Patience patience,
+                                          std::size_t limit) {
+        for (;;) {
+            check_open();
+            std::uint64_t news = 0;
+            std::vector<Touch> touched = read(after, limit, news);
+            if (!touched.empty() || patience.left() <= 0)
+                return touched;
+            const WaitEnd end = waits_.sleep(wait_, news, patience);
+            if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved)
+                raise_ended_wait(store_, end);
+            if (end != WaitEnd::kCame)
+                return touched;
+        }
+    }
+    void close() {
+        closed_.store_release(1);
+        leave();
+    }
+    /// Before it ends: the waits look at nothing for it any more. Nothing in a child of the process
+    /// that made it, whose waits are its own.
+    void leave() {
+        if (is_at_home())
+            waits_.leave(wait_);
+    }
+    [[nodiscard]] bool is_at_home() const { return waits_.forks() == sync::forks(); }
+    [[nodiscard]] bool is_closed() const { return closed_.load_acquire() != 0; }
+    void check_open() const {
+        if (is_closed())
+            throw WatchClosed("the watch is closed: make another by Buffer.watch()");
+    }
+
+private:
+    using Word = typename Store::Word;
+    using Lock = typename Store::WaitGroup::Lock;
+
+    /// The commits after `after` that touched something. Where there are none, the waits look at
+    /// all that the next one may touch, and have done so since before the feed was read. `news`:
+    /// for `Waits::sleep`.
+    [[nodiscard]] std::vector<Touch> read(CommitNumber after, std::size_t limit,
+                                          std::uint64_t& news) {
+        const std::lock_guard<Lock> guard(lock_);
+        touches_.begin(after);
+        const auto looked = waits_.look_at(wait_, touches_.frames());
+        touches_.skip(looked.quiet_after, looked.quiet_until);
+        news = looked.news;
+        return touches_.read(limit);
+    }
+
+    const Store& store_;
+    Waits& waits_;
+    Word closed_{};
+    typename Waits::Wait wait_{closed_};
+    Word lock_word_{};
+    Lock lock_{lock_word_};
+    Touches touches_;  // the lock is held
+};
+
+}  // namespace tfdb::store
