@@ -238,7 +238,7 @@ void bind_clock(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type
                      "given as `clock=` replaces it in the lookups of this Buffer.");
     auto made = offered_class<nb::class_<ClockObject>>(module, "Clock", kClassDoc,
                                                        nb::type_slots(g_clock_slots));
-    refuse_construction<ClockObject>(made, "Buffer.clock is a clock");
+    refuse_construction<ClockObject>(made, "Buffer.clock makes clocks");
     made.def(
         "now", [](nb::handle self) { return open_clock(self).now(); },
         nb::sig("def now(self) -> int"), "Return what the clock shows, nanoseconds.");

@@ -136,6 +136,8 @@ class World:
         fitting = [thing for thing in self.made if type(thing).__name__ == name]
         if name == "Watch" and not fitting:
             fitting = [rng.choice(self.stores).watch("map", [("map", "base")])]
+        if name == "Clock" and not fitting:
+            fitting = [rng.choice(self.stores).clock]
         if name == "Trajectory" and not fitting:
             fitting = [tfdb.Trajectory("map", "base", [1, 500, 1_000], [[1, 2, 3, *TURNED]] * 3)]
         return rng.choice(fitting or [OFFERED[name]])

@@ -11,13 +11,14 @@ from typing import Any
 import tfdb
 
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
-ELSEWHERE |= {"read", "save", "write", "plot"}
+ELSEWHERE |= {"read", "save", "write", "plot", "Recorder", "recorded_commits"}
 ELSEWHERE |= {"count", "index"}  # of tuples with names
 ELSEWHERE |= {"AsQuat", "Concurrency"}  # types for annotations
 ELSEWHERE |= {"count", "index"}  # of tuples with names
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}
-WAITING |= {"wait_for_transform_async", "wait_for_commit_async", "next"}
+WAITING |= {"wait_for_transform_async", "wait_for_commit_async", "next", "sleep", "sleep_until"}
+WAITING |= {"_sleep_unless_set"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""
 OTHERS = {("Transform", "to_msg")}
 """What returns objects of another face, some under names of this one."""

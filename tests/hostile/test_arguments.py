@@ -89,7 +89,7 @@ def public() -> Iterator[tuple[str, Callable[..., Any]]]:
 
 
 ALL = dict(public())
-EMPTY = {"tfdb._core.Reads", "tfdb.Snapshot", "tfdb.Transaction", "tfdb.Watch"}
+EMPTY = {"tfdb._core.Reads", "tfdb.Clock", "tfdb.Snapshot", "tfdb.Transaction", "tfdb.Watch"}
 """What is not called: a method of a Buffer makes it."""
 AMID = {"tfdb.Buffer.close", "tfdb.Snapshot.close", "tfdb.plot.show", "tfdb.tf2.Buffer.close"}
 

@@ -169,5 +169,5 @@ def test_a_frozen_store_has_the_systems_clock(tmp_path: Path) -> None:
 
 
 def test_a_clock_is_not_made_by_hand() -> None:
-    with pytest.raises(TypeError, match=r"Buffer\.clock is a clock"):
+    with pytest.raises(TypeError, match=r"Buffer\.clock makes clocks"):
         tfdb.Clock()  # type: ignore[call-arg]

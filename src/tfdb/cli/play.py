@@ -112,6 +112,8 @@ def command(
         store = open_store(name, history)  # after what may be refused
         tape = tape_of(recordings, rewriter)
         player = Player(store, tape, speed=speed, loop=loop, keep_stamps=keep_stamps, paused=paused)
+        for recording in recordings.files:
+            player.tally.count(recording, recordings.choice)
         keys = not control and sys.stdin.isatty() and sys.stdout.isatty()
         if not as_json:
             text = f"{', '.join(names)} into shm:{name}; Ctrl-C ends it"
