@@ -12,6 +12,7 @@ import contextlib
 import faulthandler
 import gc
 import itertools
+import logging
 import mmap
 import random
 import sys
@@ -399,6 +400,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, help="goes on with further seeds for so long")
     parser.add_argument("--note", type=Path, help="a file that names the call, should it crash")
     options = parser.parse_args()
+    # A clock that raises ends expectations, which say so.
+    logging.getLogger("tfdb").addHandler(logging.NullHandler())
     if options.note is not None:
         options.note = options.note.absolute()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
