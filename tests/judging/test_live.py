@@ -397,7 +397,7 @@ def test_a_thousand_come_and_go_under_load() -> None:
             for number in range(1000):
                 with buf.expect("odom", "base", max_step=0.5 + number % 2):
                     pass
-            with buf.expect("odom", "base", max_step=0.5), buf.events() as stream:
+            with buf.events() as stream, buf.expect("odom", "base", max_step=0.5):
                 assert stream.read_next(timeout=60) is not None
         finally:
             over.set()

@@ -43,7 +43,6 @@ _TOPIC_ROWS = "SELECT rowid, id, name, type, serialization_format FROM topics NO
 _MESSAGE_ROWS = "SELECT rowid, timestamp, topic_id, data FROM messages NOT INDEXED"
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
 _COUNTS = "SELECT topic_id, count(*), min(timestamp) FROM messages GROUP BY topic_id"
-_EARLIEST = -(2**63)  # a time that no file may hold is found, too
 _TOPIC, _COUNT, _MESSAGE = (int, str, str, str), (int, int, int), (int, int, bytes)
 _TABLES = (
     "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('messages', 'topics')"
@@ -115,11 +114,13 @@ def _sources(
 
 def _messages(database: sqlite3.Connection, ids: Collection[int], since: int) -> Iterator[Payload]:
     marks = ", ".join("?" for _ in ids)
+    # Without the condition, so that rows without a time are found.
+    later = "AND timestamp >= ?" if since else ""
     query = f"""SELECT timestamp, topic_id, data FROM messages
-                WHERE topic_id IN ({marks}) AND timestamp >= ?
+                WHERE topic_id IN ({marks}) {later}
                 ORDER BY timestamp"""  # noqa: S608 - marks alone
     with _database_errors():
-        for row in database.execute(query, (*ids, since or _EARLIEST)):
+        for row in database.execute(query, (*ids, since) if since else tuple(ids)):
             if not _is(row, _MESSAGE) or row[0] < 0:
                 raise BadDataError(_NO_MESSAGE)
             yield row
