@@ -45,33 +45,29 @@ void change(nb::handle self, Change change) {
     change(clock);
 }
 
-bool sleep_until(nb::handle self, nb::handle stamp, nb::handle timeout) {
+bool sleep_to(nb::handle self, StampNs stamp, nb::handle timeout,
+              std::optional<std::uint64_t> settings = std::nullopt) {
     const Clock& clock = open_clock(self);
-    const StampNs until = stamp_of(stamp.ptr());
     const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
     const nb::object owner = object_of<ClockObject>(self).owner;
     const Waiting work;
-    return clock.sleep_until(until, longest);
+    return clock.sleep_until(stamp, longest, settings);
+}
+
+bool sleep_until(nb::handle self, nb::handle stamp, nb::handle timeout) {
+    return sleep_to(self, stamp_of(stamp.ptr()), timeout);
 }
 
 /// For a player: False as well where the clock was set more often.
 bool sleep_unless_set(nb::handle self, nb::handle stamp, nb::handle timeout,
                       std::uint64_t settings) {
-    const Clock& clock = open_clock(self);
-    const StampNs until = stamp_of(stamp.ptr());
-    const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
-    const nb::object owner = object_of<ClockObject>(self).owner;
-    const Waiting work;
-    return clock.sleep_until(until, longest, settings);
+    return sleep_to(self, stamp_of(stamp.ptr()), timeout, settings);
 }
 
 bool sleep(nb::handle self, nb::handle seconds, nb::handle timeout) {
-    const Clock& clock = open_clock(self);
     const StampNs passed = duration_of(seconds, "seconds");
-    const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
-    const nb::object owner = object_of<ClockObject>(self).owner;
-    const Waiting work;
-    return clock.sleep_until(clock::saturating_add(clock.now(), passed), longest);
+    const StampNs now = open_clock(self).now();
+    return sleep_to(self, clock::saturating_add(now, passed), timeout);
 }
 
 void set_speed(nb::handle self, nb::handle speed) {

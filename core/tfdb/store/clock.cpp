@@ -33,12 +33,10 @@ StampNs time_of(const ClockSetting& set, std::int64_t now) {
     if (set.paused)
         return set.time;
     const std::int64_t passed = std::max<std::int64_t>(clock::saturating_sub(now, set.since), 0);
-    if (set.speed == 1.0)
-        return std::min(clock::saturating_add(set.time, passed), clock::kMaxStamp);
-    const double moved = set.speed * static_cast<double>(passed);
-    return clock::saturating_add(set.time, as_stamp(moved)) > clock::kMaxStamp
-               ? clock::kMaxStamp
-               : set.time + as_stamp(moved);
+    // A double would lose nanoseconds.
+    const StampNs moved =
+        set.speed == 1.0 ? passed : as_stamp(set.speed * static_cast<double>(passed));
+    return std::min(clock::saturating_add(set.time, moved), clock::kMaxStamp);
 }
 
 /// Real nanoseconds until it shows a stamp.

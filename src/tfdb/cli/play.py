@@ -8,7 +8,7 @@ import select
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 import click
@@ -16,7 +16,7 @@ import click
 import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
-from tfdb.player.controls import KEYS, obey
+from tfdb.player.controls import CONTROLS, KEYS, obey
 from tfdb.store.summary import span
 
 from . import common, layout, output
@@ -70,8 +70,7 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
 @click.option(
     "--control",
     is_flag=True,
-    help="Read controls from standard input, one a line: pause, step, back, reverse, faster, "
-    "slower, speed X, seek X, skip X, quit.",
+    help=f"Read controls from standard input, one a line: {', '.join(CONTROLS)}.",
 )
 @history_option
 @selection_options
@@ -180,7 +179,7 @@ def _controlled(player: Player, *, keys: bool, lines: bool) -> Iterator[None]:
     ended = threading.Event()
     read = _read_keys if keys else _read_lines
     reader = threading.Thread(target=read, args=(player, ended), daemon=True, name="controls")
-    with _unbuffered() if keys else _as_it_is():
+    with _unbuffered() if keys else nullcontext():
         reader.start()
         try:
             yield
@@ -188,11 +187,6 @@ def _controlled(player: Player, *, keys: bool, lines: bool) -> Iterator[None]:
             ended.set()
             if keys:
                 reader.join()
-
-
-@contextmanager
-def _as_it_is() -> Iterator[None]:
-    yield
 
 
 @contextmanager

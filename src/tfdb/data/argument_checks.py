@@ -26,6 +26,12 @@ def check_flag(name: str, value: Any) -> bool:
     raise InvalidArgument(f"{name} is True or False, got {shown(value)}", value=value) from cause
 
 
+def check_callable(role: str, function: object) -> None:
+    """Raise TypeError for an object that cannot be called."""
+    if not callable(function):
+        raise TypeError(f"{role} must be callable, got {type(function).__name__}")
+
+
 def check_count(name: str, value: Any) -> int:
     """Return a whole number above 0. Raises InvalidArgument for anything else."""
     try:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
 from tfdb._core import duration_to_nanoseconds
+from tfdb.data.argument_checks import check_callable
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import shown
@@ -63,8 +64,8 @@ class BufferExpectations:
 
     @on_event.setter
     def on_event(self, function: Callable[[Event], object] | None) -> None:
-        if function is not None and not callable(function):
-            raise TypeError(f"on_event must be callable, got {type(function).__name__}")
+        if function is not None:
+            check_callable("on_event", function)
         self._watcher.on_event = function
 
     def drain(self, timeout: float | None = None) -> bool:

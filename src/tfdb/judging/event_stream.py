@@ -1,4 +1,4 @@
-"""The class EventStream: the events of a buffer's expectations, each once."""
+"""The class EventStream(Reader["Event"]): the events of a buffer's expectations, each once."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from tfdb._core import duration_to_nanoseconds
 from tfdb.data.argument_checks import check_count
 from tfdb.data.errors import BufferClosed, StreamClosed
 from tfdb.data.lazy_names import belong_to
+from tfdb.streams.reader import Reader, deadline
 
 if TYPE_CHECKING:
     from asyncio import AbstractEventLoop, Future
-    from types import TracebackType
-    from typing import Self
 
     from tfdb._core import Buffer
 
@@ -29,7 +27,7 @@ LOGGER = logging.getLogger("tfdb.expectations")
 _LOOK = 1.0  # seconds between two looks whether the buffer was closed
 
 
-class EventStream:
+class EventStream(Reader["Event"]):
     """The events of a buffer's expectations, in their order, each once.
 
     `Buffer.events()` makes it. Iterate over it, by `for` or `async for`, or call `read_next`. It is
@@ -82,9 +80,7 @@ class EventStream:
             The buffer was closed, or its shared store removed, and all events were read.
         StreamClosed, InvalidArgument
         """
-        until = None
-        if timeout is not None:
-            until = time.monotonic() + duration_to_nanoseconds(timeout, "timeout") / 1e9
+        until = deadline(timeout)
         with self._lock:
             while (event := self._next()) is None:
                 left = None if until is None else until - time.monotonic()
@@ -92,21 +88,6 @@ class EventStream:
                     return None
                 self._lock.wait(_LOOK if left is None else min(left, _LOOK))
             return event
-
-    def __iter__(self) -> Self:
-        return self
-
-    def __next__(self) -> Event:
-        try:
-            event = self.read_next(timeout=None)
-        except StreamClosed:
-            event = None
-        if event is None:
-            raise StopIteration
-        return event
-
-    def __aiter__(self) -> Self:
-        return self
 
     async def __anext__(self) -> Event:
         import asyncio  # noqa: PLC0415 - it takes as long as all of tfdb
@@ -127,17 +108,6 @@ class EventStream:
             finally:
                 with self._lock:
                     self._waits.discard(wait)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _next(self) -> Event | None:
         if self._closed:

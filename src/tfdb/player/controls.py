@@ -11,21 +11,22 @@ if TYPE_CHECKING:
 
     from .player import Player
 
-# word -> (what it does, with a number behind it or without, meaning)
-_PLAIN: dict[str, tuple[Callable[[Player], None], str]] = {
-    "pause": (lambda player: player.pause(), "stand still, or go on"),
-    "step": (lambda player: player.step(), "pause, and play the next commit"),
-    "back": (lambda player: player.step_back(), "pause, and take the last commit back"),
-    "reverse": (lambda player: player.reverse(), "play backwards, or no more"),
-    "faster": (lambda player: player.change_speed(1.25), "play 1.25 times as fast as now"),
-    "slower": (lambda player: player.change_speed(0.8), "play 0.8 times as fast as now"),
-    "quit": (lambda player: player.stop(), "end"),
+_PLAIN: dict[str, Callable[[Player], None]] = {
+    "pause": lambda player: player.pause(),
+    "step": lambda player: player.step(),
+    "back": lambda player: player.step_back(),
+    "reverse": lambda player: player.reverse(),
+    "faster": lambda player: player.change_speed(1.25),
+    "slower": lambda player: player.change_speed(0.8),
+    "quit": lambda player: player.stop(),
 }
-_NUMBERED: dict[str, tuple[Callable[[Player, float], None], str]] = {
-    "speed": (lambda player, value: player.set_speed(value), "play X times as fast as recorded"),
-    "seek": (lambda player, value: player.seek(value), "jump to X seconds after the beginning"),
-    "skip": (lambda player, value: player.seek_by(value), "jump X seconds forth, or back if X < 0"),
+_NUMBERED: dict[str, Callable[[Player, float], None]] = {
+    "speed": lambda player, value: player.set_speed(value),
+    "seek": lambda player, value: player.seek(value),
+    "skip": lambda player, value: player.seek_by(value),
 }
+CONTROLS: list[str] = [*_PLAIN, *(f"{each} X" for each in _NUMBERED)]
+"""All words; X stands for a number. docs/howto/play.md says what they do."""
 KEYS: dict[str, str] = {
     " ": "pause",
     "\x1b[C": "step",
@@ -51,7 +52,7 @@ def obey(player: Player, line: str) -> None:
     """
     word, _, rest = line.strip().partition(" ")
     if word in _PLAIN and not rest:
-        _PLAIN[word][0](player)
+        _PLAIN[word](player)
         return
     if word in _NUMBERED:
         try:
@@ -59,15 +60,8 @@ def obey(player: Player, line: str) -> None:
         except ValueError:
             value = float("nan")
         if abs(value) < float("inf"):
-            _NUMBERED[word][0](player, value)
+            _NUMBERED[word](player, value)
             return
         raise InvalidArgument(f"{word} needs a number, got {rest.strip()!r}", value=line)
-    words = [*_PLAIN, *(f"{each} X" for each in _NUMBERED)]
-    text = f"{line.strip()!r}: the word is unknown; there are {', '.join(words)}"
+    text = f"{line.strip()!r}: the word is unknown; there are {', '.join(CONTROLS)}"
     raise InvalidArgument(text, value=line)
-
-
-def controls() -> list[tuple[str, str]]:
-    """Return each control and what it does."""
-    plain = [(word, meaning) for word, (_, meaning) in _PLAIN.items()]
-    return plain + [(f"{word} X", meaning) for word, (_, meaning) in _NUMBERED.items()]

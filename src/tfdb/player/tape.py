@@ -114,8 +114,7 @@ class MessageTape(Tape):
                 tally.store(run, self._choice, self._rewriter)
                 continue
             encoding, static = self._choice.kind(run.source)
-            authorities = {number: source.authority for number, source in run.sources.items()}
-            self._rewriter.ingest(run, store, encoding, static, authorities=authorities)
+            self._rewriter.ingest(run, store, encoding, static, authorities=run.authorities)
 
     def keep(self, store: Buffer) -> bytes:
         """See `Tape`."""

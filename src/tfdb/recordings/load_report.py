@@ -189,14 +189,13 @@ class Tally:
         encoding, static = choice.kind(read.source)
         self.messages += read.last - read.first
         self.start, self.end = min(self.start, read.start), max(self.end, read.end)
-        authorities = {id_: source.authority for id_, source in read.sources.items()}
         self._add(
             rewriter.ingest(
                 read,
                 self.buffer,
                 encoding,
                 static,
-                authorities=authorities,
+                authorities=read.authorities,
                 forgotten=self._forgotten,
             )
         )

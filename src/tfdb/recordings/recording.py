@@ -55,6 +55,11 @@ class Run:
         return self.sources[self.messages[self.first][1]]
 
     @property
+    def authorities(self) -> dict[int, str]:
+        """The authority of each source, by its number."""
+        return {number: source.authority for number, source in self.sources.items()}
+
+    @property
     def start(self) -> int:
         """When the first message was received, nanoseconds."""
         return self.messages[self.first][0]

@@ -7,7 +7,13 @@ from threading import TIMEOUT_MAX
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, cast
 
 from tfdb._core import duration_to_nanoseconds, to_nanoseconds
-from tfdb.data.argument_checks import check_count, check_flag, check_name, check_word
+from tfdb.data.argument_checks import (
+    check_callable,
+    check_count,
+    check_flag,
+    check_name,
+    check_word,
+)
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import shown
@@ -143,11 +149,6 @@ class Rule:
     def __repr__(self) -> str:
         ended = ", removed" if self.removed else ""
         return f"<tfdb.rules.Rule {self.name!r} on {', '.join(map(str, self.on))}{ended}>"
-
-
-def check_callable(role: str, function: object) -> None:
-    if not callable(function):
-        raise TypeError(f"{role} must be callable, got {type(function).__name__}")
 
 
 def _fires_of(fires: Fires | None, *, is_of_pairs: bool) -> Fires:

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 from weakref import WeakSet
 
 from tfdb._core import duration_to_nanoseconds
-from tfdb.data.argument_checks import check_count
+from tfdb.data.argument_checks import check_callable, check_count
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.lazy_names import belong_to
 
 from .dispatcher import Dispatcher
-from .rule import check_callable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

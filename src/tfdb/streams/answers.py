@@ -11,7 +11,8 @@ from tfdb.data.errors import SnapshotTooOld
 from tfdb.data.lazy_names import belong_to
 from tfdb.store.waiting import NO_ANSWER_YET
 
-from .cursor import Cursor, deadline, separation_of
+from .cursor import Cursor, separation_of
+from .reader import deadline
 
 if TYPE_CHECKING:
     from tfdb._core import Buffer, Snapshot, Transform

@@ -8,7 +8,7 @@ import time
 import warnings
 from contextlib import suppress
 from operator import index
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from weakref import WeakSet
 
 from tfdb._core import duration_to_nanoseconds
@@ -23,21 +23,20 @@ from tfdb.data.errors import (
 )
 from tfdb.data.stamps import shown
 
+from .reader import Item, Reader
+
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
-    from typing import Self
 
     from tfdb._core import Buffer, Snapshot, Watch
 
 __all__: list[str] = []
 
 Lapped: TypeAlias = Literal["raise", "skip"]
-Item = TypeVar("Item")
 _RENEWED = 1.0  # seconds: a held snapshot keeps no more than this of frames that are not followed
 
 
-class Cursor(Generic[Item]):
+class Cursor(Reader[Item]):
     """A reader's position among the commits of a buffer.
 
     One thread reads at a time, others wait for it; any thread may close it.
@@ -107,25 +106,6 @@ class Cursor(Generic[Item]):
             if self._held is not None:
                 self._held.close()
 
-    def read_next(self, n: int = 1, timeout: float | None = 0) -> Item | None:
-        """Read what is `n` after the one read last; None: it is not there yet."""
-        raise NotImplementedError
-
-    def __iter__(self) -> Self:
-        return self
-
-    def __next__(self) -> Item:
-        try:
-            item = self.read_next(timeout=None)
-        except StreamClosed:
-            item = None
-        if item is None:
-            raise StopIteration
-        return item
-
-    def __aiter__(self) -> Self:
-        return self
-
     async def __anext__(self) -> Item:
         try:
             while (item := self.read_next()) is None:
@@ -133,17 +113,6 @@ class Cursor(Generic[Item]):
         except StreamClosed:
             raise StopAsyncIteration from None
         return item
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _check_open(self) -> None:
         if self._closing.is_set():
@@ -269,13 +238,6 @@ def commit_of(since: object, newest: int) -> int:
             value=since,
         )
     return number
-
-
-def deadline(timeout: float | None) -> float | None:
-    """Return the end of a wait, as `time.monotonic` counts; None: it has none."""
-    if timeout is None:
-        return None
-    return time.monotonic() + duration_to_nanoseconds(timeout, "timeout") / 1e9
 
 
 def separation_of(min_separation: float | None) -> int | None:

@@ -15,7 +15,8 @@ from tfdb.data.lazy_names import belong_to
 from tfdb.data.policies import Previous
 from tfdb.data.types import Changes, Sample
 
-from .cursor import Cursor, deadline, separation_of
+from .cursor import Cursor, separation_of
+from .reader import deadline
 from .rows import NONE, joined, of_bytes, of_changes
 
 if TYPE_CHECKING:
