@@ -53,6 +53,7 @@ constexpr unsigned kMostReaders = 8;
 constexpr unsigned kJoints = 4;
 constexpr unsigned kRecent = 16;
 constexpr unsigned kOps = 8;
+constexpr unsigned kWhoClears = 0;  // this writer, and no other one
 constexpr unsigned kNoProgressSeconds = 60;
 
 struct Options {
@@ -69,7 +70,7 @@ struct Options {
 struct WriterNotes {
     Word begun;  // number of the arm
     Word done;
-    Word clears_before;  // begun by anybody before the arm was done
+    Word clears_before;  // ended before the arm was stored
     Word kind_begun;
     Word kind_done;
     Word made;  // number of the frame that came last, 0 once its removal began
@@ -86,7 +87,8 @@ struct ReaderNotes {
 struct Board {
     Word ends;
     Word failures;
-    Word clears;       // begun
+    Word clears;  // begun
+    Word clears_ended;
     Word shared_done;  // greatest number of the arm that all writers move
     std::array<WriterNotes, kMostWriters> writers;
     std::array<ReaderNotes, kMostReaders> readers;
@@ -321,7 +323,7 @@ private:
             }
         }
     }
-    /// Whether a clear has begun since this writer's arm was last done.
+    /// Whether a clear has not ended before this writer's arm was last stored.
     [[nodiscard]] bool may_be_cleared() const {
         return g_board->clears.load_acquire() > notes_.clears_before.load_acquire();
     }
@@ -349,7 +351,7 @@ private:
                 move_shared();
                 break;
             case 6:
-                if (round_.clears && index_ == 0 && random_() % 64 == 0)
+                if (round_.clears && index_ == kWhoClears && random_() % 64 == 0)
                     clear();
                 else if (index_ == 1 && random_() % 64 == 0)
                     buffer_.compact();
@@ -381,10 +383,13 @@ private:
     template <class Store>
     void move_arm_with(Store store) {
         const std::uint64_t number = notes_.begun.load_relaxed() + 1;
-        const std::uint64_t clears = g_board->clears.load_acquire();
+        const std::uint64_t clears = g_board->clears_ended.load_acquire();
         const std::vector<TransformView> batch = arm(number);
         notes_.begun.store_release(number);
         store(batch);
+        // Only this writer clears. After a commit of its own, none of its clears is left to come.
+        if (index_ == kWhoClears)
+            g_board->clears_ended.store_release(g_board->clears.load_acquire());
         notes_.clears_before.store_release(clears);
         notes_.done.store_release(number);
     }
