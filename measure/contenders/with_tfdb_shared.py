@@ -75,8 +75,9 @@ def read_all(address: str) -> None:
 def counts_of(address: str) -> dict[str, int]:
     """Return the counts of the page's server."""
     with urllib.request.urlopen(f"{address}metrics") as answer:
-        pairs = (line.split() for line in answer.read().decode().splitlines())
-        return {name.removeprefix("tfdb_view_"): int(value) for name, value in pairs}
+        lines = answer.read().decode().splitlines()
+    pairs = (line.split() for line in lines if line.startswith("tfdb_view_"))
+    return {name.removeprefix("tfdb_view_"): int(value) for name, value in pairs}
 
 
 def cpu_of(pid: int) -> float:

@@ -54,9 +54,11 @@ class Served:
         return Viewer(address, options)
 
     def metrics(self) -> dict[str, int]:
+        """Return the counts of the server."""
         lines = self.get("/metrics")[2].decode().splitlines()
         return {
-            name.removeprefix("tfdb_view_"): int(value) for name, value in map(str.split, lines)
+            name.removeprefix("tfdb_view_"): int(value)
+            for name, value in (line.split() for line in lines if line.startswith("tfdb_view_"))
         }
 
 

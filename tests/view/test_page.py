@@ -250,6 +250,32 @@ def test_late_edges_stand_out(browser: Browser) -> None:
         assert rows(page) == ["silent"]
 
 
+def test_the_report_gives_a_silent_edge_the_age_of_the_tree(browser: Browser) -> None:
+    buf = robot()
+    for step in range(200):
+        buf.set_transform("map", "base", 103 * S + step * S // 10, (step, 0, 0), TURN)
+    buf.clock.pause()
+    buf.clock.seek(123 * S)
+    with serving(Model(buf, "shm:x", live=Live(buf))) as served, browser.page() as page:
+        page.open(served.address)
+        page.until(READY)
+        page.run("tfdb.focus(tfdb.state.rowOf.get('arm'))")
+        page.until("document.querySelector('.report')")
+        report = page.run("document.querySelector('.report').innerText")
+        assert "arm\nnewest sample, age 21 s" in report
+        assert "base\nnewest sample, age 100 ms" in report
+        assert page.run("document.querySelector('.report .silent').textContent").endswith("21 s")
+        words = page.run("document.querySelector('.report + p').textContent")
+        assert words == "age: from the stamp of the edge's newest sample to now"
+        page.run("tfdb.goTo(100250000000n)")
+        page.until("document.querySelector('.report').innerText.includes('interpolated')")
+        report = page.run("document.querySelector('.report').innerText")
+        assert "arm\ninterpolated, gap 100 ms, age 50 ms" in report
+        words = page.run("document.querySelector('.report + p').textContent")
+        assert words == "age: from the sample to the shown stamp"
+        assert page.errors == []
+
+
 def test_two_viewers_see_the_same_and_one_may_look_back(
     browser: Browser, served: Served, page: Page, buf: tfdb.Buffer
 ) -> None:

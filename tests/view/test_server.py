@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import socket
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING
@@ -14,10 +15,12 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import tfdb
-from tests.view.served import PATIENCE, Served, serving
+from tests.view.served import PATIENCE, Served, Viewer, serving
 from tfdb.cli.graph import Live
-from tfdb.judging import Expectation
+from tfdb.judging import Event, Expectation
+from tfdb.judging.events import EVENT_KINDS
 from tfdb.view import server
+from tfdb.view.metrics import Metric, write_metrics
 from tfdb.view.model import Model
 
 if TYPE_CHECKING:
@@ -178,6 +181,52 @@ def test_a_lookup_is_answered_with_report_gaps_trail_and_python(
         assert answer["python"] == f"T = buf.lookup_transform('map', 'base', {stamp})"
 
 
+def ages(viewer: Viewer, stamp: int | None) -> dict[str, float]:
+    """Return the ages of the edges between map and tool."""
+    text = None if stamp is None else str(stamp)
+    viewer.ask("lookup", id=1, target="map", source="tool", stamp=text)
+    return {edge["child"]: edge["age"] for edge in viewer.until_text("answer")["edges"]}
+
+
+def silent_robot(buf: tfdb.Buffer) -> tfdb.Buffer:
+    """A base that goes on for 20 s after its tool has stopped."""
+    for step in range(201):
+        buf.set_transform("map", "base", T0 + step * S // 10, (step, 0, 0), TURN)
+        if step <= 1:
+            buf.set_transform("base", "tool", T0 + step * S // 10, (0, step, 0), TURN)
+    return buf
+
+
+def test_live_ages_count_to_now_by_the_clock_of_the_store() -> None:
+    buf = silent_robot(tfdb.Buffer(history=60))
+    buf.clock.pause()
+    buf.clock.seek(T0 + 21 * S)
+    with serving(Model(buf, "shm:robot", live=Live(buf))) as served, served.connect() as viewer:
+        facts = viewer.until_text("facts")
+        assert (facts["now"], facts["clock"], facts["speed"]) == (str(T0 + 21 * S), True, 0)
+        assert ages(viewer, None) == {"base": 1.0, "tool": 20.9}
+        assert ages(viewer, T0 + S // 20) == {"base": 0.05, "tool": 0.05}
+        buf.clock.seek(T0 + 22 * S)
+        buf.clock.resume()
+        buf.clock.speed = 0.5
+        facts = viewer.until(lambda each: isinstance(each, dict) and each.get("speed") == 0.5)
+        assert int(facts["now"]) >= T0 + 22 * S
+
+
+def test_live_ages_count_to_now_by_the_clock_given_to_the_buffer() -> None:
+    buf = silent_robot(tfdb.Buffer(history=60, clock=lambda: T0 + 25 * S))
+    with serving(Model(buf, "shm:robot", live=Live(buf))) as served, served.connect() as viewer:
+        assert viewer.until_text("facts")["now"] == str(T0 + 25 * S)
+        assert ages(viewer, None) == {"base": 5.0, "tool": 24.9}
+
+
+def test_ages_of_a_recording_count_to_the_stamp() -> None:
+    buf = silent_robot(tfdb.Buffer(history=60))
+    with serving(Model(buf, "drive.mcap")) as served, served.connect() as viewer:
+        assert ages(viewer, None) == {"base": 0.0, "tool": 0.0}
+        assert ages(viewer, T0 + S // 20) == {"base": 0.05, "tool": 0.05}
+
+
 def test_a_lookup_without_an_answer_gives_the_reason(served: Served) -> None:
     with served.connect() as viewer:
         viewer.ask("lookup", id=1, target="map", source="bsae", stamp=None)
@@ -220,6 +269,90 @@ def test_broken_expectations_are_facts_and_events(buf: tfdb.Buffer) -> None:
         assert (event["kind"], event["severity"], event["frame"]) == ("step", "error", "base")
         facts = viewer.until(lambda each: isinstance(each, dict) and bool(each.get("broken")))
         assert facts["broken"][0][:2] == ["base", "error"]
+
+
+SAMPLE = re.compile(r'([a-z_]+)(?:\{((?:[a-z]+="(?:[^"\\\n]|\\[\\"n])*",?)+)\})? (\S+)')
+LABEL = re.compile(r'([a-z]+)="((?:[^"\\\n]|\\[\\"n])*)"')
+
+
+def read_metrics(text: str) -> dict[str, list[tuple[dict[str, str], float]]]:
+    """Read OpenMetrics strictly: samples by metric, each after its type and its meaning."""
+    assert text.endswith("# EOF\n")
+    found: dict[str, list[tuple[dict[str, str], float]]] = {}
+    name = kind = ""
+    for line in text.removesuffix("# EOF\n").splitlines():
+        if line.startswith("# TYPE "):
+            _, _, name, kind = line.split()
+            assert name not in found
+            assert kind in ("gauge", "counter")
+            found[name] = []
+        elif line.startswith("#"):
+            assert line.split()[:3] in (["#", "HELP", name], ["#", "UNIT", name])
+        else:
+            match = SAMPLE.fullmatch(line)
+            assert match, line
+            assert match[1] == name + ("_total" if kind == "counter" else "")
+            labels = {
+                key: re.sub(r"\\(.)", lambda each: "\n" if each[1] == "n" else each[1], value)
+                for key, value in LABEL.findall(match[2] or "")
+            }
+            assert labels not in [known for known, _ in found[name]]
+            found[name].append((labels, float(match[3])))
+    return found
+
+
+def test_metrics_count_broken_expectations_and_give_ages() -> None:
+    buf = tfdb.Buffer(history=60)
+    buf.clock.pause()
+    buf.clock.seek(T0 + 21 * S)
+    silent_robot(buf)
+    expected = tfdb.Expectations([Expectation("map", "base", max_step=2)], clock="arrival")
+    model = Model(buf, "shm:robot", live=Live(buf), expected=expected)
+    with serving(model) as served, served.connect() as viewer:
+        viewer.until_text("facts")
+        buf.set_transform("map", "base", T0 + 21 * S, (300, 0, 0), TURN)
+        viewer.until_text("event")
+        status, headers, body = served.get("/metrics", Accept=server.OPEN_METRICS)
+    assert (status, headers["Content-Type"]) == (200, server.OPEN_METRICS_TYPE)
+    found = read_metrics(body.decode())
+    assert found["tfdb_edge_age_seconds"] == [
+        ({"parent": "map", "child": "base"}, 0.0),
+        ({"parent": "base", "child": "tool"}, 20.9),
+    ]
+    begun = {labels["kind"]: count for labels, count in found["tfdb_expectations_begun"]}
+    assert list(begun) == list(EVENT_KINDS)
+    assert {kind for kind, count in begun.items() if count} == {"step"}
+    broken = {
+        (each["kind"], each["severity"]): count for each, count in found["tfdb_expectations_broken"]
+    }
+    assert {key for key, count in broken.items() if count} == {("step", "error")}
+    assert found["tfdb_view_viewers"] == [({}, 1.0)]
+
+
+def test_labels_of_metrics_keep_any_name(buf: tfdb.Buffer) -> None:
+    names = ['say "hi"', "back\\slash", "\\n", 'end\\"', "Grüße", "a,b}"]
+    for name in names:
+        buf.set_transform("map", name, T0, (0, 0, 0), TURN)
+    with serving(Model(buf, "shm:robot", live=Live(buf))) as served:
+        _, headers, body = served.get("/metrics")
+    assert headers["Content-Type"] == server.PROMETHEUS_TYPE
+    found = read_metrics(body.decode())
+    assert "tfdb_expectations_broken" not in found
+    ages = found["tfdb_edge_age_seconds"]
+    assert {labels["child"] for labels, _ in ages} == {*names, "base", "arm"}
+    labels = {"text": 'one\ntwo\\n"'}
+    text = write_metrics([Metric("a_b", "gauge", "Meaning.", [(labels, 1)])])
+    assert read_metrics(text) == {"a_b": [(labels, 1.0)]}
+
+
+def test_metrics_of_a_recording_count_its_events(buf: tfdb.Buffer) -> None:
+    expected = tfdb.Expectations([Expectation("map", "base", deadline=1)])
+    event = Event("deadline", "warning", True, T0, T0, "map", "base")
+    with serving(Model(buf, "a.mcap", expected=expected, events=[event])) as served:
+        found = read_metrics(served.get("/metrics")[2].decode())
+    assert ({"kind": "deadline"}, 1.0) in found["tfdb_expectations_begun"]
+    assert all(count == 0 for _, count in found["tfdb_expectations_broken"])
+    assert "tfdb_edge_age_seconds" not in found
 
 
 RUBBISH = [

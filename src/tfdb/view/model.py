@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict, deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from tfdb._core import to_nanoseconds
 from tfdb.data.counting import counted
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 from tfdb.data.errors import TfdbError, UnknownFrame
@@ -22,15 +23,18 @@ from tfdb.store.explain import from_one_state
 from tfdb.store.summary import Forest, edge_summaries, find_gaps
 
 from .messages import CHANGED, EVENTS, PAST, WHOLE, Lookup, as_numbers, write_poses, write_text
+from .metrics import age_metric, expectation_metrics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from tfdb._core import Buffer, Snapshot
+    from tfdb._core import Buffer, Clock, Snapshot
     from tfdb.data.types import TreeColumns
     from tfdb.judging.events import Event
     from tfdb.judging.expectations import Expectations
     from tfdb.judging.follower import Followed
+
+    from .metrics import Metric
 
 T = TypeVar("T")
 Floats = npt.NDArray[np.float64]
@@ -122,13 +126,20 @@ class Model:
         self._turn = 0
         self._stamp = 0
         self._since = time.monotonic_ns()
+        self._clock: Clock = store.clock
+        other = None if live is None else _other_clock(live)
+        self._goes_otherwise = other is not None
+        self._time: Callable[[], int] = self._clock.now if other is None else other
         self._gaps: OrderedDict[str, tuple[float, int, dict[str, Any]]] = OrderedDict()
         self._news: list[dict[str, Any]] = []
         self._judge: LiveJudge | None = None
+        self._begun: Counter[str] = Counter()
+        """How many expectations were broken, by kind."""
         if live is not None and expected is not None:
             self._judge = LiveJudge(live, Judge(expected, live.now()))
+            self._take(self._judge.begun)
         elif live is None:
-            self.events.extend(map(_event, events))
+            self._take(events)
             self.events.extend(_gap_events(store, EVENTS - len(self.events)))
         self.look()
 
@@ -155,7 +166,13 @@ class Model:
         judge = self._judge
         if judge is None:
             return []
-        made = [_event(each) for each in judge.take(judge.read(0))]
+        return self._take(judge.take(judge.read(0)))
+
+    def _take(self, events: Iterable[Event]) -> list[dict[str, Any]]:
+        """Count and keep events; return them as messages."""
+        known = list(events)
+        self._begun.update(event.kind for event in known if event.begins)
+        made = [_event(event) for event in known]
         self.events.extend(made)
         return made
 
@@ -163,6 +180,11 @@ class Model:
         """Return the events of the tree since the last call."""
         made, self._news = self._news, []
         return made
+
+    @property
+    def settings(self) -> int:
+        """How often the clock of the store was set: ages change with it."""
+        return self._clock._settings
 
     def hello(self) -> str:
         """Return the first message to a viewer."""
@@ -313,6 +335,7 @@ class Model:
             end=str(int(newest[known].max())) if known.any() else None,
             now=str(now),
             clock=own,
+            speed=self._speed() if own else 1.0,
             rest=self.rest,
             rows=topology.moving.tolist(),
             rate=as_numbers(columns.rate[moving], 2),
@@ -342,10 +365,34 @@ class Model:
         """
         if self.live is None:
             return self._stamp, False
-        now = self.live.now()
+        now = self._time()
         if abs(now - self._stamp) < ANOTHER_CLOCK:
             return now, True
         return self._stamp + time.monotonic_ns() - self._since, False
+
+    def _speed(self) -> float:
+        """Return how fast that time passes; 0 while it stands still."""
+        if self._goes_otherwise:
+            return 1.0
+        return 0.0 if self._clock.paused else self._clock.speed
+
+    def metrics(self) -> list[Metric]:
+        """Return the ages of the edges of a live store, and counts of broken expectations."""
+        found = []
+        if self.judges:
+            active = () if self._judge is None else self._judge.judge.active.values()
+            found += expectation_metrics(active, self._begun)
+        if self.live is not None:
+            found.append(age_metric(self._read(self._ages)))
+        return found
+
+    def _ages(self, state: Snapshot) -> list[tuple[str, str, float]]:
+        columns = state.tree_columns()
+        self._stamp_of(int(columns.newest.max(initial=0)))
+        now, _ = self._now()
+        ages = (now - columns.newest) / NS
+        rows = np.flatnonzero(columns.newest >= 0).tolist()
+        return [(columns.parents[row] or "", columns.names[row], ages[row]) for row in rows]
 
     # Questions.
 
@@ -378,8 +425,9 @@ class Model:
 
     def _answer(self, state: Snapshot, asked: Lookup) -> dict[str, Any]:
         gaps = self._gaps_of(state, asked.source)
+        is_live = asked.stamp is None and self.live is not None
         try:
-            if asked.stamp is None and self.live is not None:
+            if is_live:
                 found = state.lookup_latest_transform(asked.target, asked.source)
             else:
                 found = state.lookup_transform(asked.target, asked.source, asked.stamp)
@@ -389,6 +437,7 @@ class Model:
                 raise
             return {"ok": False, "text": str(told), "gaps": gaps}
         report = found.report
+        now, _ = self._now()
         edges = [
             {
                 "parent": edge.parent,
@@ -397,7 +446,8 @@ class Model:
                 "before": None if edge.before is None else str(edge.before),
                 "after": None if edge.after is None else str(edge.after),
                 "gap": edge.gap / NS,
-                "age": edge.age / NS,
+                "age": (now - edge.before if is_live and edge.before is not None else edge.age)
+                / NS,
                 "inverted": edge.inverted,
             }
             for edge in report.edges
@@ -408,7 +458,6 @@ class Model:
             "pose": found.pose.tolist(),
             "rpy": found.rpy.tolist(),
             "edges": edges,
-            "text": str(report),
             "gaps": gaps,
             "trail": self._trail(state, asked),
         }
@@ -461,6 +510,14 @@ class Model:
             call = f"buf.lookup_transform({names})"
         lines = ["import tfdb", "", self._opening] if self._opening else []
         return "\n".join([*lines, f"T = {call}"])
+
+
+def _other_clock(live: Followed) -> Callable[[], int] | None:
+    """Return the clock that stands in for the store's: a graph's, or the buffer's `clock=`."""
+    if live.now is not time.time_ns:
+        return live.now
+    given = live.store._clock
+    return None if given is None else lambda: to_nanoseconds(given())
 
 
 def _event(event: Event) -> dict[str, Any]:

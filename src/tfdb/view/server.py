@@ -33,6 +33,7 @@ from .messages import (
     read_question,
     write_text,
 )
+from .metrics import OPEN_METRICS, OPEN_METRICS_TYPE, PROMETHEUS_TYPE, one, write_metrics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -48,9 +49,16 @@ _GATHERS = 0.005
 """Seconds after a commit that was waited for: others often come with it, and the next tick is then
 late enough to find the next commit without a wait."""
 _IDLE = 1.0
-"""Seconds between two looks at a store without viewers."""
+"""Seconds between two looks at the viewers of a store, or at the clock of one without commits."""
 _LOOK = 0.1
 """Seconds between two looks at the time, where silences are judged."""
+_COUNTED = {
+    "ticks": "Times that poses were sent.",
+    "dropped": "Ticks that a viewer missed because it left too much unread.",
+    "sent_bytes": "Bytes that were sent to viewers.",
+    "questions": "Messages of viewers.",
+    "refused": "Messages of viewers that could not be answered.",
+}
 _TYPES = {
     "index.html": "text/html; charset=utf-8",
     "app.js": "text/javascript; charset=utf-8",
@@ -138,9 +146,9 @@ class Server:
         self._viewers: list[Viewer] = []
         self._came = asyncio.Event()
         """Set when a viewer comes."""
-        self._told = -1
-        """The commit of the facts that were sent last."""
-        self._counts = dict.fromkeys(("ticks", "dropped", "sent_bytes", "questions", "refused"), 0)
+        self._told = -1, -1
+        """The commit and the settings of the clock of the facts that were sent last."""
+        self._counts = dict.fromkeys(_COUNTED, 0)
 
     async def run(self, ready: Callable[[str], None]) -> None:
         """Serve until it is cancelled; `ready` is called with the address for browsers.
@@ -194,7 +202,7 @@ class Server:
                     self._send(changed, began)
                 elif self._is_owed():
                     self._send(b"", began)
-                if events or (began >= facts and self._told != model.commit):
+                if events or (began >= facts and self._has_news()):
                     facts = began + model.rest
                     model.look()
                     if self._is_owed():
@@ -211,10 +219,10 @@ class Server:
         """Wait for a commit that was not shown, or for a time to look; return the newest commit."""
         model = self._model
         after = model.commit if self._viewers else model.store.commit
-        timeout = None
+        timeout = _IDLE
         if model.judges or self._is_owed():
             timeout = _LOOK
-        elif self._viewers and self._told != model.commit:
+        elif self._viewers and self._has_news():
             timeout = model.rest
         newest = model.store.commit
         if newest != after:
@@ -228,6 +236,10 @@ class Server:
         await asyncio.sleep(_GATHERS)
         return model.store.commit
 
+    def _has_news(self) -> bool:
+        """Whether the newest facts are not told yet: after a commit, or where the clock was set."""
+        return self._told != (self._model.commit, self._model.settings)
+
     def _is_owed(self) -> bool:
         """Whether a viewer of the newest state lacks poses."""
         tree = self._model.topology
@@ -238,7 +250,7 @@ class Server:
 
     def _tell_facts(self, events: Sequence[Mapping[str, Any]]) -> None:
         model = self._model
-        self._told = model.commit
+        self._told = model.commit, model.settings
         texts = [write_text("event", **event) for event in events]
         for viewer in self._viewers:
             if viewer.is_full:
@@ -305,6 +317,7 @@ class Server:
         viewer = Viewer(connection)
         if self._model.live is not None and not self._viewers:
             self._model.look()
+            self._told = self._model.commit, self._model.settings
             self._model.tick()
         self._viewers.append(viewer)
         self._came.set()
@@ -388,7 +401,9 @@ class Server:
             text = f"{VIEWERS} viewers are there already: close one"
             return _text(http.HTTPStatus.SERVICE_UNAVAILABLE, text)
         if path == "/metrics":
-            return _body(http.HTTPStatus.OK, "text/plain; version=0.0.4", self._metrics().encode())
+            accepted = " ".join(request.headers.get_all("Accept"))
+            kind = OPEN_METRICS_TYPE if OPEN_METRICS in accepted else PROMETHEUS_TYPE
+            return _body(http.HTTPStatus.OK, kind, self._metrics().encode(errors="replace"))
         name = path.removeprefix("/") or "index.html"
         if name not in self._files:
             return _text(http.HTTPStatus.NOT_FOUND, f"nothing is at {path[:200]!r}")
@@ -416,14 +431,21 @@ class Server:
         return any(secrets.compare_digest(_raw(each), mine) for each in tokens)
 
     def _metrics(self) -> str:
-        counts = {
-            "viewers": len(self._viewers),
-            "frames": len(self._model.topology.names),
-            "commit": self._model.commit,
+        gauges = {
+            "viewers": ("Viewers that are connected.", len(self._viewers)),
+            "frames": ("Frames of the tree that was shown last.", len(self._model.topology.names)),
+            "commit": ("The commit that was shown last.", self._model.commit),
         }
-        lines = [f"tfdb_view_{name} {value}" for name, value in counts.items()]
-        lines += [f"tfdb_view_{name}_total {value}" for name, value in self._counts.items()]
-        return "\n".join(lines) + "\n"
+        return write_metrics(
+            [
+                *(one(f"tfdb_view_{name}", "gauge", *rest) for name, rest in gauges.items()),
+                *(
+                    one(f"tfdb_view_{name}", "counter", _COUNTED[name], count)
+                    for name, count in self._counts.items()
+                ),
+                *self._model.metrics(),
+            ]
+        )
 
 
 def is_loopback(host: str) -> bool:

@@ -324,6 +324,8 @@ function takeFacts(facts) {
     made.authority = facts.authority.map((each) => facts.authorities[each]);
     made.received = performance.now();
     made.rest = facts.rest;
+    made.speed = facts.speed;
+    made.clock = facts.clock;
     state.facts = made;
   }
   judge();
@@ -338,7 +340,7 @@ function ageOf(row) {
   // Facts come again within their rest if any commit comes: later, all edges age.
   const since = (state.looked - facts.received) / 1000;
   const passed = state.hello.live && since > facts.rest + 1 ? since : 0;
-  return Math.max(facts.age[row] + passed, 0);
+  return Math.max(facts.age[row] + passed * facts.speed, 0);
 }
 
 /** Gives each frame its state. */
@@ -534,7 +536,7 @@ function showDetails() {
     else parts.push(make("h2", `in ${state.fixed}`), make("pre", answer.text));
     const path = wayOf(state.rowOf.get(state.fixed) ?? -1, row);
     if (path.length) parts.push(make("h2", "path"), pathOf(path));
-    if (answer.ok) parts.push(make("h2", "samples used"), reportOf(answer));
+    if (answer.ok) parts.push(make("h2", "samples used"), ...reportOf(answer));
     parts.push(pythonOf(answer));
   }
   if (box.contains(document.activeElement) || (getSelection().toString() && box.contains(getSelection().anchorNode))) return;
@@ -584,17 +586,33 @@ function pathOf(path) {
   return make("div", parts, { className: "path" });
 }
 
+/** Lists the samples of each moving edge, and says what their ages are counted from. */
 function reportOf(answer) {
+  const isLive = answer.at === null && state.hello.live;
   const moving = answer.edges.filter((edge) => edge.before !== null);
   const lines = moving.map((edge) => {
-    const words = [edge.used];
-    words.push(edge.before === edge.after ? `age ${duration(edge.age)}` : `gap ${duration(edge.gap)}`);
-    const title = `T[${edge.parent}<-${edge.child}]: sample at ${stampText(BigInt(edge.before))}, age ${duration(edge.age)}`;
-    return make("li", [make("b", edge.child), make("span", words.join(", "))], { title });
+    const row = state.rowOf.get(edge.child) ?? -1;
+    const known = isLive ? ageOf(row) : NaN;
+    const age = Number.isFinite(known) ? known : edge.age;
+    const stands = isLive && ["late", "silent"].includes(world.stateOf(row)) ? world.stateOf(row) : "";
+    const title = `T[${edge.parent}<-${edge.child}]: ${edge.used}, sample at ${stampText(BigInt(edge.before))}, age ${duration(age)}`;
+    return make("li", [make("b", edge.child), make("span", usedText(edge, isLive, age), { className: stands })], { title });
   });
   const fixed = answer.edges.length - moving.length;
   if (fixed) lines.push(make("li", `${fixed} static ${fixed === 1 ? "edge" : "edges"}`, { className: "quiet" }));
-  return make("ul", lines, { className: "report" });
+  const list = make("ul", lines, { className: "report" });
+  if (!moving.length) return [list];
+  let words = "age: from the sample to the shown stamp";
+  if (isLive && state.facts?.clock) words = "age: from the stamp of the edge's newest sample to now";
+  else if (isLive) words = "age: since the newest sample of all, as stamps are of another clock";
+  return [list, make("p", words, { className: "quiet" })];
+}
+
+function usedText(edge, isLive, age) {
+  if (isLive) return `newest sample, age ${duration(age)}`;
+  if (edge.used === "exact") return "sample at this stamp";
+  if (edge.before === edge.after) return `${edge.used}, age ${duration(age)}`;
+  return `${edge.used}, gap ${duration(edge.gap)}, age ${duration(age)}`;
 }
 
 function pythonOf(answer) {
