@@ -43,7 +43,7 @@ public:
             }
         }
     }
-    /// (row, frames): they were cleared or removed before that row.
+    /// (row, commit, frames): the commit cleared or removed them before that row.
     [[nodiscard]] const nb::list& resets() const { return resets_; }
     [[nodiscard]] nb::tuple columns() const {
         return nb::make_tuple(parents_, children_, stamps_.array, poses_.array, statics_.array,
@@ -58,7 +58,7 @@ private:
                 frames.append(names_[place]);
         }
         if (nb::len(frames) != 0)
-            resets_.append(nb::make_tuple(row_, frames));
+            resets_.append(nb::make_tuple(row_, commit.number, frames));
     }
     void add(const CommitSample::Edge& edge, CommitNumber commit) {
         for (const CommitSample::Row& row : sample_.rows_of(edge)) {
@@ -145,14 +145,15 @@ nb::list samples_of_rows(const nb::list& parents, const nb::list& children, nb::
 }  // namespace
 
 void bind_sample_rows(nb::module_& module) {
-    module.def("rows_of_commits", &rows_of_commits, nb::arg("data"),
-               nb::sig("def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], "
-                       "numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], "
-                       "numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int64], "
-                       "list[str]], list[tuple[int, list[str]]]]"),
-               "Read the samples in bytes of `commits_bytes` or `state_bytes`.\n\n"
-               "Returns the last commit; parents, children, stamps, poses, which rows are static, "
-               "commits and authorities; and frames that were cleared or removed before a row.");
+    module.def(
+        "rows_of_commits", &rows_of_commits, nb::arg("data"),
+        nb::sig("def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], "
+                "numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], "
+                "numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int64], "
+                "list[str]], list[tuple[int, int, list[str]]]]"),
+        "Read the samples in bytes of `commits_bytes` or `state_bytes`.\n\n"
+        "Returns the last commit; parents, children, stamps, poses, which rows are static, "
+        "commits and authorities; and, before a row, the frames that a commit cleared or removed.");
     module.def("samples_of_rows", &samples_of_rows, nb::arg("parents"), nb::arg("children"),
                nb::arg("stamps"), nb::arg("poses"), nb::arg("statics"), nb::arg("commits"),
                nb::arg("authorities"),

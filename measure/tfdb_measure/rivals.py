@@ -32,8 +32,8 @@ SYSTEM_PYTHON = Path("/usr/bin/python3")
 SAMPLES = 11_000  # of each edge: the 10 s of history are full
 HOURS = 3_600.0
 
-#pytransform3d moves along screws between two samples : another curve, equal to first order.
-#schiebung's shares of the way are not computed from whole nanoseconds.
+# pytransform3d moves along screws between two samples : another curve, equal to first order.
+# schiebung's shares of the way are not computed from whole nanoseconds.
 TOLERANCES = {"pytransform3d": 1e-5, "schiebung": 1e-7}
 NEEDED = {
     "tfdb": "tfdb",
@@ -52,21 +52,21 @@ NEEDED = {
 FEW = (1, 4, 16, 64)  # stamps in one call
 MANY_FRAMES = 2_000  # looked up in one call
 
-#A robot that many processes look at : ten moving frames, 500 times a second each.
+# A robot that many processes look at : ten moving frames, 500 times a second each.
 LIVE_CHAIN, MESSAGES = 10, 500.0
 READERS, LOOKUPS = 16, 100.0  # lookups of each per second
-#What is published on / tf : edges of a message, messages per second.
+# What is published on / tf : edges of a message, messages per second.
 STREAMS = ((10, 500.0), (100, 50.0))
 MANY_NODES, SLOW_MESSAGES = 20, 50.0
 NODES = {"tf2_ros": "tf2_listening", "tfdb": "tfdb_live", "tfdb in rospy": "tfdb_in_rospy"}
-#Of each : who, and how.
+# Of each : who, and how.
 NODES_OF_ROS2 = {
     "tf2_ros": ("tf2_in_ros2", "stored"),
     "deserialised": ("tf2_in_ros2", "deserialised"),
     "tfdb": ("tfdb_in_ros2", "own thread"),
     "tfdb in the executor": ("tfdb_in_ros2", "executor"),
 }
-#As many as leave two cores idle now and then : more would be measured while they lag.
+# As many as leave two cores idle now and then : more would be measured while they lag.
 LISTENERS = {"tf2_ros listener, alone": 1, "tf2_ros listener, each of 2": 2}
 
 
@@ -203,9 +203,10 @@ def _whether() -> dict[str, list[tuple[str, str, str]]]:
     yes, no = "can_transform", "can_transform, no answer"
     both = (("tfdb.tf2", "tfdb_tf2"), ("tf2_ros", "tf2"))
     return {
-                yes: [("tfdb", "tfdb", yes), *((*who, yes) for who in both)],
+        yes: [("tfdb", "tfdb", yes), *((*who, yes) for who in both)],
         no: [(*who, no) for who in both],
-                }
+    }
+
 
 def _writes() -> dict[str, list[tuple[str, str, str]]]:
     """Return the rows of writes: title, contender, operation."""
@@ -256,7 +257,7 @@ def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]
         ],
         **_whether(),
         **{
-batch: [("tfdb", "tfdb", batch), ("transform-tree", "transform_tree", batch)]
+            batch: [("tfdb", "tfdb", batch), ("transform-tree", "transform_tree", batch)]
             for batch in batches
         },
         **{
@@ -480,14 +481,13 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
 
 def _shared_against_tree(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
     """Compare with transform-tree's shared memory: of each one process writes, three read."""
-    contenders = {
-        "tfdb" : ("tfdb_shared", "tfdb")}
+    contenders = {"tfdb": ("tfdb_shared", "tfdb")}
     if "transform_tree_shared" in interpreters:
         contenders["transform-tree"] = ("transform_tree_shared", "transform_tree_shared")
     name = f"measure-{os.getpid()}"
     with ExitStack() as stack:
         processes = {
-    title: _workers(stack, who, interpreters[python], 4)
+            title: _workers(stack, who, interpreters[python], 4)
             for title, (who, python) in contenders.items()
         }
         for title, (writer, *readers) in processes.items():
@@ -496,16 +496,13 @@ def _shared_against_tree(results: Results, effort: Effort, interpreters: dict[st
                 stack.callback(writer.call, "remove")
             for reader in readers:
                 reader.call("join", name, LIVE_CHAIN, SAMPLES)
-        _same_answers({
-    title: readers[0] for title, (_, *readers) in processes.items()})
+        _same_answers({title: readers[0] for title, (_, *readers) in processes.items()})
         _shared_turns(results, effort, processes)
 
 
 def _shared_turns(results: Results, effort: Effort, processes: dict[str, list[Worker]]) -> None:
-    writers = {
-    title: workers[0] for title, workers in processes.items()}
-    readers = {
-    title: workers[1] for title, workers in processes.items()}
+    writers = {title: workers[0] for title, workers in processes.items()}
+    readers = {title: workers[1] for title, workers in processes.items()}
     others = [worker for workers in processes.values() for worker in workers[2:]]
     for worker in others:
         worker.begin("look_up", LOOKUPS)
@@ -518,8 +515,7 @@ def _shared_turns(results: Results, effort: Effort, processes: dict[str, list[Wo
     for worker in writers.values():
         worker.end()
     _add(results, "sharing", "lookup mid beside a writer's process", LIVE_CHAIN, "ns", times)
-    opened: Rounds = {
-    title: [] for title in readers}
+    opened: Rounds = {title: [] for title in readers}
     for worker in readers.values():
         worker.call("attach", 1)  # the first one imports what it needs
     for _ in range(effort.rounds):
@@ -624,7 +620,7 @@ def live(results: Results, effort: Effort) -> None:
             (publisher,) = _workers(stack, "tf2_live", interpreters["tf2_live"], 1)
             uri = publisher.call("make", edges)
             nodes = {
-    title: _workers(stack, who, interpreters[who], 1)[0]
+                title: _workers(stack, who, interpreters[who], 1)[0]
                 for title, who in NODES.items()
                 if who in interpreters
             }
@@ -664,8 +660,7 @@ def live_in_ros2(results: Results, effort: Effort) -> None:
 
             publisher = worker("ros2_publishing")
             publisher.call("make", edges)
-            nodes = {
-    title: worker(who) for title, (who, _) in NODES_OF_ROS2.items()}
+            nodes = {title: worker(who) for title, (who, _) in NODES_OF_ROS2.items()}
             for title, node in nodes.items():
                 node.call("join", NODES_OF_ROS2[title][1])
             publisher.begin("write_each", per_s)
@@ -774,17 +769,16 @@ def start(results: Results, effort: Effort) -> None:
 
 
 GROUPS: dict[str, Callable[[Results, Effort], None]] = {
-        "C++" : cpp,
-                "cost" : costs,
-                         "torn" : torn,
-                                  "instructions" : instructions,
-                                                   "Python" : python,
-                                                              "loading" : loading,
-                                                                          "sharing" : sharing,
-                                                                                      "live"
-            : live,
-              "live in ROS 2" : live_in_ros2,
-                                "start" : start,
+    "C++": cpp,
+    "cost": costs,
+    "torn": torn,
+    "instructions": instructions,
+    "Python": python,
+    "loading": loading,
+    "sharing": sharing,
+    "live": live,
+    "live in ROS 2": live_in_ros2,
+    "start": start,
 }
 """What may be measured by itself, by the name that its rows have in the results."""
 

@@ -2268,11 +2268,11 @@ def poses_of_matrices(matrices: numpy.typing.ArrayLike, missing: bool = False) -
 def adopt_classes(buffer: type[Buffer], snapshot: type[Snapshot], transaction: type[Transaction]) -> None:
     """Make objects of these subclasses of the native classes from now on."""
 
-def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int64], list[str]], list[tuple[int, list[str]]]]:
+def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int64], list[str]], list[tuple[int, int, list[str]]]]:
     """
     Read the samples in bytes of `commits_bytes` or `state_bytes`.
 
-    Returns the last commit; parents, children, stamps, poses, which rows are static, commits and authorities; and frames that were cleared or removed before a row.
+    Returns the last commit; parents, children, stamps, poses, which rows are static, commits and authorities; and, before a row, the frames that a commit cleared or removed.
     """
 
 def samples_of_rows(parents: list[str], children: list[str], stamps: numpy.typing.NDArray[numpy.int64], poses: numpy.typing.NDArray[numpy.float64], statics: numpy.typing.NDArray[numpy.bool_], commits: numpy.typing.NDArray[numpy.int64], authorities: list[str]) -> list[tfdb.types.Sample]:

@@ -150,6 +150,24 @@ def test_watch_prints_events_of_a_store(tool: Tool, name: str, tmp_path: Path) -
     assert "0 errors, 0 warnings, 1 stale" in said.err
 
 
+def test_watch_and_monitor_go_by_the_clock_of_the_store(
+    tool: Tool, name: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "e.toml"
+    file.write_text("version = 1\n[default]\nlifespan = 3\ndeadline = 3\n")
+    store = tfdb.Buffer.open(name)
+    store.clock.pause()
+    store.clock.seek(1000 * S)
+    store.set_transform("odom", "base", 999 * S, (1, 2, 3))
+    tool("watch", f"shm:{name}", "--expect", file, "--for", "0.3", code=0)
+    done = tool("echo", f"shm:{name}", "odom", "base", "--limit", "1", "--json")
+    assert json.loads(done.out)["age_ns"] == S
+    store.clock.seek(1003 * S)
+    said = tool("watch", f"shm:{name}", "--expect", file, "--for", "0.3", code=1).out
+    assert "stale: odom -> base: lifespan" in said
+    assert "two-clocks" not in said
+
+
 def test_watch_goes_on_after_commits_that_it_missed(capsys: pytest.CaptureFixture[str]) -> None:
     store = tfdb.Buffer()
     expected = tfdb.Expectations([Expectation("map", "base", deadline=0.5, max_step=1)])

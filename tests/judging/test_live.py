@@ -458,6 +458,117 @@ def test_a_sample_between_two_looks_meets_a_deadline_in_doubt() -> None:
     assert look(0.051, is_stored=False) == [True]
 
 
+def test_a_look_that_is_late_goes_by_the_stamps() -> None:
+    """The thread had no processor for three seconds: only one edge was silent meanwhile."""
+    now, store = START, tfdb.Buffer()
+    edges = [Expectation("odom", each, deadline=0.5, lifespan=0.7) for each in ("base", "arm")]
+    for each in edges:
+        store.set_transform("odom", each.child, now - S // 10, (0, 0, 0))
+    judge = LiveJudge(Live(store, lambda: now), Judge(tfdb.Expectations(edges), now))
+    for tick in range(1, 31):
+        stamp = START + tick * S // 10
+        store.set_transform("odom", "base", stamp - S // 10, (0, 0, 0))
+        if not 8 <= tick < 20:
+            store.set_transform("odom", "arm", stamp - S // 10, (0, 0, 0))
+    now = stamp
+    events = judge.take(judge.read(0.0))
+    assert [(e.kind, e.child, (e.time - START) / S) for e in events] == [
+        ("deadline", "arm", 1.2),
+        ("lifespan", "arm", 1.3),
+        ("lifespan", "arm", 1.9),
+        ("deadline", "arm", 1.9),
+    ]
+    now += S // 2
+    assert judge.take([]) == []
+    now += S
+    assert {event.child for event in judge.take([])} == {"base", "arm"}
+
+
+class Played:
+    """A buffer whose own clock is paused, and set by steps. Each is judged before the next one."""
+
+    def __init__(self) -> None:
+        self.buf = tfdb.Buffer()
+        self.buf.clock.pause()
+        self.buf.clock.seek(START)
+        self.put()
+        self.stream = self.buf.events()
+        self.buf.expect(tfdb.Expectations(default=Expectation(deadline=0.5, lifespan=0.7)))
+
+    def put(self) -> None:
+        now = self.buf.clock.now()
+        for child in ("base", "arm", "mast"):
+            self.buf.set_transform("odom", child, now, (0, 0, 0))
+
+    def show(self, at: float) -> list[tuple[str, str, float]]:
+        self.buf.clock.seek(START + round(at * S))
+        assert self.buf.expectations.drain(60)
+        return seen(self.stream)
+
+
+def test_a_paused_clock_lets_nothing_grow_old() -> None:
+    played = Played()
+    assert not played.buf.clock.sleep(1, timeout=0.8)
+    assert played.show(0.5) == []
+    assert played.show(0.6) == [("deadline", "warning", 0.5)] * 3
+    assert played.show(0.71) == [("lifespan", "stale", 0.7)] * 3
+
+
+@pytest.mark.parametrize("to", [90.0, -90.0])
+def test_a_clock_that_is_set_is_one_jump(to: float) -> None:
+    played = Played()
+    assert played.show(0.4) == []
+    assert played.show(to) == [("time-jump", "error", to)]
+    assert played.show(to + 0.1) == []
+    played.buf.clear()
+    played.put()
+    assert played.show(to + 0.1) == []
+    assert played.show(to + 0.5) == []
+    assert played.show(to + 0.7) == [("deadline", "warning", to + 0.6)] * 3
+
+
+def test_samples_from_before_a_jump_ahead_are_judged_as_of_then() -> None:
+    """The jump is found before the last samples are read."""
+    buf, events = tfdb.Buffer(), list[Event]()
+    blocked, over = threading.Event(), threading.Event()
+
+    def block(event: Event) -> None:
+        events.append(event)
+        blocked.set()
+        over.wait()
+
+    buf.clock.seek(START)
+    buf.expectations.on_event = block
+    buf.expect("odom", "base", max_step=1, deadline=20, lifespan=20)
+    for x in (0, 5, 5.5):
+        buf.set_transform("odom", "base", buf.clock.now(), (x, 0, 0))
+        if x == 5:
+            assert blocked.wait(60)
+    buf.clock.seek(START + 90 * S)
+    over.set()
+    assert buf.expectations.drain(60)
+    assert [event.kind for event in events] == ["step", "time-jump"]
+
+
+def test_a_history_that_replaces_another_did_not_arrive() -> None:
+    """A copy that begins anew, as at each jump of a player, has only newest samples."""
+    source, copy = tfdb.Buffer(history=None), tfdb.Buffer(history=None)
+    for tick in range(50):
+        source.set_transform("odom", "base", START + tick * S // 10, (9 * (tick % 2), 0, 0))
+    source.set_static_transform("base", "camera", (1, 2, 3))
+    copy.apply(source.commits_bytes(0))
+    copy.clock.pause()
+    copy.clock.seek(START + 5 * S)
+    stream = copy.events()
+    copy.expect("odom", "base", max_step=1, lifespan=1, max_late=1)
+    source.set_transform("odom", "base", START + 5 * S, (0, 0, 0))
+    for _ in range(2):
+        with source.snapshot() as state:
+            copy.apply(state.state_bytes())
+        assert copy.expectations.drain(60)
+    assert seen(stream) == []
+
+
 def test_a_late_expectation_waits_from_then_on() -> None:
     now, store = START, tfdb.Buffer()
     store.set_transform("odom", "base", now, (0, 0, 0))

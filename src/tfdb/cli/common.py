@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import sys
-import time
 import warnings
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -142,7 +141,7 @@ class Loaded:
     selection: Selection = field(default_factory=Selection)
     """What was read, where sources disagree as it was shown."""
     now: int | None = None
-    """When what is live was found so, by the clock of the graph or of the machine."""
+    """When what is live was found so, by the clock of the graph or of the store."""
     mixed: tfdb.errors.MixedSources | None = None
     """Why groups of topics have prefixes, or sources that disagree are mixed, unasked."""
     shown: str = ""
@@ -225,8 +224,8 @@ def load(
         return Loaded(heard, None, tuple(names), now=now)
     if any(name.startswith(STORE) for name in names):
         refuse_selection(names, "a live store", "shm:NAME")
-        store = open_live(names[0]).snapshot()
-        return Loaded(store, None, tuple(names), now=time.time_ns())
+        store = open_live(names[0])
+        return Loaded(store.snapshot(), None, tuple(names), now=store.clock.now())
     paths = find_paths(names)
     if any(is_frozen(path) for path in paths):
         refuse_selection(names, "a frozen store", "FILE.tfdb")

@@ -20,6 +20,7 @@ import click
 
 import tfdb
 from tfdb.data.time_text import format_duration
+from tfdb.store.given_clock import given_clock
 
 from . import output
 from .times import NS, duration_option
@@ -116,16 +117,23 @@ def listening_time() -> int:
 
 @dataclass
 class Live:
-    """A store that others fill, and the clock of its stamps: a graph's, or the system's."""
+    """A store that others fill, and the clock of its stamps: a graph's, or the store's."""
 
     store: tfdb.Buffer
-    now: Callable[[], int] = time.time_ns
+    graph_clock: Callable[[], int] | None = None
+    """None: the buffer's: `clock=`, or that of its store."""
     node: Node | None = None
     listener: TransformListener | None = None
     commit: int = 0
     """The last commit that is known."""
     ended: threading.Event = field(default_factory=threading.Event)
     """Set when somebody else ends the graph's node."""
+
+    def __post_init__(self) -> None:
+        other = self.graph_clock or given_clock(self.store)
+        self.clock: tfdb.Clock | None = self.store.clock if other is None else None
+        self.now: Callable[[], int] = other or self.store.clock.now
+        """The clock of the stamps, nanoseconds."""
 
     @property
     def node_name(self) -> str:

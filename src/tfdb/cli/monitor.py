@@ -97,8 +97,8 @@ def command(
     reported once, as a whole. With TARGET and SOURCE, only the frames between them are shown, with
     the net delay: the age of the newest T[TARGET<-SOURCE] at each arrival.
 
-    A delay is the time from stamp to arrival, by the clock of the graph, this machine or the
-    recorder. Replayed stamps have no delay; one line reports their offset. On a terminal the table
+    A delay is the time from stamp to arrival, by the clock of the graph, the store or the recorder.
+    Replayed stamps have no delay; one line reports their offset. On a terminal the table
     is updated in place, and cut to its height. With --expect the worst edges come first, each with
     the expectation that it breaks now.
     """

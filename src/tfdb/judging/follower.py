@@ -19,7 +19,7 @@ from .judge import Judge, Rows
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tfdb._core import Buffer, Reads
+    from tfdb._core import Buffer, Clock, Reads
     from tfdb.streams.rows import Rows as StreamRows
     from tfdb.streams.rows import Stretch
 
@@ -93,6 +93,10 @@ class Followed(Protocol):
     def now(self) -> Callable[[], int]:
         """The clock of the stamps, nanoseconds."""
 
+    @property
+    def clock(self) -> Clock | None:
+        """The store's, if `now` is that."""
+
     def wait(self, until: float) -> bool:
         """Wait for a commit beyond `commit`; False: none came until then (monotonic seconds)."""
 
@@ -156,7 +160,7 @@ def watch_arrivals(
         if progress is not None:
             progress(int(passed * 1000), int(seconds * 1000))
         found = follower.read(began + min(passed + _BETWEEN, seconds))
-        parts += [numbered(judge, rows, live.now()) for _, rows in found]
+        parts += [numbered(judge, each.arrived, live.now()) for each in found]
     rows = Rows.joined(parts)
     known = any(judge.authority_names[each] for each in np.unique(rows.authorities).tolist())
     return Arrivals(Log.of_rows(rows, judge), known, missed=follower.missed)

@@ -301,18 +301,36 @@ class Judge:
         drafts += self._judge_motion(rows, groups)
         return self._finish(drafts, int(rows.arrivals[-1]), rows)
 
-    def feed_held(self, rows: Rows) -> list[Event]:
+    def feed_held(self, rows: Rows, doubt: int = 0) -> list[Event]:
         """Judge samples that a store had already, as if they arrived now.
 
         When they did arrive, their stamps may have been on time.
         """
-        events = self.feed(rows)
+        events = self.feed(rows, doubt)
         self._ahead[rows.edges] = np.maximum(self._ahead[rows.edges], 0)
         return events
 
     def advance(self, now: int) -> list[Event]:
         """Judge the time until now, nanoseconds: what did not arrive."""
         return self._finish(self._go_back(now), now, None)
+
+    def set_ahead(self, now: int, by: int) -> list[Event]:
+        """Judge the time until the clock was set ahead, by so many nanoseconds to `now`.
+
+        That time did not pass: all that is waited for moves along.
+        """
+        events = self.advance(now - by)
+        return events + self._finish(self._set_clock(now), now, None)
+
+    def earliest_arrivals(self, rows: Rows, first: int, last: int) -> Integers:
+        """When samples may have arrived: none came faster after its stamp than others before.
+
+        Not before `first`, nor after `last`.
+        """
+        ahead = self._ahead[rows.edges]
+        times = rows.stamps - np.where(ahead == -NEVER, 0, ahead)
+        found: Integers = np.maximum.accumulate(np.where(rows.static, 0, times))
+        return found.clip(first, last)
 
     def forget(self, frames: Collection[str]) -> None:
         """Forget the samples of frames whose edges were cleared: their stamps may begin anew."""
@@ -422,19 +440,20 @@ class Judge:
         ).reshape(len(self._lists), len(self.authority_names))
 
     def _go_back(self, now: int) -> list[_Draft]:
-        """Where the clock goes back, all that is waited for goes back with it: a time jump."""
-        back = self._now - now
-        if back <= 0:
-            return []
+        return self._set_clock(now) if now < self._now else []
+
+    def _set_clock(self, now: int) -> list[_Draft]:
+        """Where the clock is set, all that is waited for moves along: a time jump."""
+        moved = now - self._now
         for kind in self._kinds.values():
-            kind.due = np.where(kind.due < NEVER, kind.due - back, NEVER)
-        self._fresh -= back
+            kind.due = np.where(kind.due < NEVER, kind.due + moved, NEVER)
+        self._fresh += moved
         self._now = now
-        if back <= JUMP:
+        if abs(moved) <= JUMP:
             return []
         clock = Groups(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
         kind, times = self._kinds["time-jump"], np.array([now])
-        drafts = _samples(kind, clock, times, np.array([back / NS]))
+        drafts = _samples(kind, clock, times, np.array([abs(moved) / NS]))
         return [replace(draft, row=None) for draft in drafts]
 
     def _judge_motion(self, rows: Rows, groups: Groups) -> list[_Draft]:

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 
 from .follower import Follower, held_rows, judge_state, numbered
+from .judge import JUMP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tfdb._core import Clock
     from tfdb.streams.rows import Stretch
 
     from .events import Event
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 LOOK = 0.1
 """Seconds between two looks at a clock that does not run as this machine's does."""
 _DOUBT = NS // 2
-"""How late a look may be for a sample to meet what was due before it: less than a jump."""
+"""A sample meets what was due up to so long before the look that found it: less than a jump."""
 _LONGEST = 1.0
 """Seconds between two looks at this machine's clock while anything is waited for: it may be set."""
 _EARLY = 0.002
@@ -32,12 +34,33 @@ _EARLY = 0.002
 _PAST = 1e-4
 
 
+class _Passing:
+    """Looks at a store's clock, and finds where it was set ahead. Threads: one."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._began = time.monotonic_ns()
+        self._shown, self._speed = clock.now(), self._speed_now()
+
+    def look(self) -> tuple[int, int]:
+        """Return what the clock shows, and how much more of it went by than can have passed."""
+        began, now = time.monotonic_ns(), self._clock.now()
+        passed, speed = time.monotonic_ns() - self._began, self._speed_now()
+        ahead = now - self._shown - round(passed * max(speed, self._speed))
+        self._began, self._shown, self._speed = began, now, speed
+        return now, ahead if ahead > JUMP else 0
+
+    def _speed_now(self) -> float:
+        return 0.0 if self._clock.paused else self._clock.speed
+
+
 class LiveJudge:
     """Judges what is committed to a live store, as it comes.
 
     A sample arrives when its commit is read. What is due between two looks is met by a sample that
-    the second one finds, unless that look is half a second late. Threads: one at a time; `read` may
-    wait beside the others.
+    the second one finds. If that look is half a second late, the stamps decide: a sample then came
+    as long after its stamp as the fastest of its edge. Threads: one at a time; `read` may wait
+    beside the others.
 
     Parameters
     ----------
@@ -56,6 +79,7 @@ class LiveJudge:
     ) -> None:
         self.judge = judge
         self._live, self._rates, self._judges = live, rates, judges
+        self._passing = None if live.clock is None else _Passing(live.clock)
         self._looked = live.now()
         self._missed = 0
         with live.store.snapshot() as state:
@@ -78,39 +102,58 @@ class LiveJudge:
         due = self._due
         if due is None:
             return self._follower.read(until)
-        now = time.monotonic()
-        if self._live.now is not time.time_ns:
+        now, clock = time.monotonic(), self._live.clock
+        if clock is None or not clock.is_system:
             return self._follower.read(min(until, now + LOOK))
-        left = max(due - time.time_ns(), 0) / NS
+        left = max(due - clock.now(), 0) / NS
         return self._follower.read(
             min(until, now + min(left + _PAST, _LONGEST)), now + left - _EARLY
         )
 
     def take(self, stretches: Sequence[Stretch]) -> list[Event]:
         """Judge commits that were read, and the time until now."""
-        now, due = self._live.now(), self._due
-        # Of what was due since the last look and a sample, the sample may have been first.
-        in_doubt = due is not None and max(self._looked, now - _DOUBT) <= due < now
-        arrival = due if due is not None and in_doubt else now
-        self._looked = now
+        now, ahead = self._look()
+        since, self._looked = self._looked, now
+        due = now if self._due is None else self._due
+        is_late = since <= due < now - _DOUBT
+        doubt = now - due if not ahead and max(since, now - _DOUBT) <= due < now else 0
         events: list[Event] = []
-        for cleared, rows in stretches:
-            self.judge.forget(cleared)  # the stamps of such a frame may begin anew
-            fed = numbered(self.judge, rows, now)
+        for each in stretches:
+            self.judge.forget(each.cleared)  # the stamps of such a frame may begin anew
+            fed = numbered(self.judge, each.arrived, now)
+            if is_late or ahead:
+                fed.arrivals[:] = self.judge.earliest_arrivals(fed, since, now)
+                since = int(fed.arrivals.max(initial=since))
             if self._rates is not None:
-                self._rates.forget(cleared)
+                self._rates.forget(each.cleared)
                 self._rates.add(fed)
-            if self._judges:
-                fed.arrivals.fill(arrival)
-                events += self.judge.feed(fed, now - arrival)
+            if not self._judges:
+                continue
+            if doubt:
+                fed.arrivals.fill(due)  # a sample may have been first
+            feed = self.judge.feed_held if each.cleared else self.judge.feed
+            if ahead and since > now - ahead:
+                later = fed.arrivals > now - ahead
+                events += feed(fed.at(~later))
+                events += self.judge.set_ahead(now, ahead)
+                since, ahead = now, 0
+                fed = fed.at(later)
+                fed.arrivals.fill(now)
+            events += feed(fed, doubt or min(now - since, _DOUBT) * is_late)
         if not self._judges:
             return events
+        if ahead:
+            events += self.judge.set_ahead(now, ahead)
         if self.missed > self._missed:
             self._missed = self.missed
             events += judge_state(self.judge, self._live.store, now)
         events += self.judge.advance(now)
         self._due = self._next_due()
         return events
+
+    def _look(self) -> tuple[int, int]:
+        """Return what the clock shows, and how far it was set ahead since the last look."""
+        return (self._live.now(), 0) if self._passing is None else self._passing.look()
 
     def change(self, expectations: Expectations) -> None:
         """Judge by other expectations from now on."""

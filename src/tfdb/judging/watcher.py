@@ -10,7 +10,6 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 from weakref import WeakSet
 
-from tfdb._core import to_nanoseconds
 from tfdb.data.errors import (
     BufferClosed,
     FeedLapped,
@@ -19,6 +18,7 @@ from tfdb.data.errors import (
     TfdbError,
     WatchClosed,
 )
+from tfdb.store.given_clock import given_clock
 
 from .event_stream import LOGGER, EventStream
 from .expectations import joined
@@ -46,9 +46,11 @@ _LEVELS = {
 class _Source:
     """A buffer as it is followed. `wake` ends a wait, from any thread."""
 
-    def __init__(self, buffer: Buffer, now: Callable[[], int]) -> None:
+    def __init__(self, buffer: Buffer) -> None:
         self.store = buffer
-        self.now = now
+        given = given_clock(buffer)
+        self.clock = buffer.clock if given is None else None
+        self.now = given or buffer.clock.now
         self.commit = 0
         self._watch = self._new_watch()
         self._woken = threading.Event()
@@ -108,13 +110,13 @@ class Watcher:
     def add(self, installed: Installed) -> None:
         """Judge by further expectations from now on."""
         self._buffer.watch(every=True).close()  # this refuses what cannot be followed
-        now = _clock_of(self._buffer)
         with self._lock:
             if self._live is not None:
                 self._change(self._live, [*self.installed, installed])
             else:
-                self._source = _Source(self._buffer, now)
-                self._live = LiveJudge(self._source, Judge(installed.expectations, now()))
+                self._source = _Source(self._buffer)
+                judge = Judge(installed.expectations, self._source.now())
+                self._live = LiveJudge(self._source, judge)
                 self._pending = self._live.begun
             self.installed.append(installed)
             installed._remove = self.remove
@@ -247,8 +249,3 @@ class Watcher:
             self._lock.notify_all()
         for stream in streams:
             stream._end(error)
-
-
-def _clock_of(buffer: Buffer) -> Callable[[], int]:
-    clock = buffer._clock
-    return time.time_ns if clock is None else lambda: to_nanoseconds(clock())

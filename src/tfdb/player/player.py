@@ -28,6 +28,7 @@ SOURCE = "tfdb play"
 
 _LOOK = 0.02  # seconds between two looks for orders
 _REVERSE_RATE = 30  # steps per second
+_LAG = NS  # of a player that is late: beyond, a clock that is set ahead is a jump
 _STEP = NS // 1000  # between two rounds, where the recording has one message
 _TIMES = 1 << 16  # of messages that a step back can go to
 _BATCH = 4096  # messages that a jump stores at once
@@ -287,8 +288,8 @@ class Player:
         if not self._clock.paused:
             self._reversed = None
         at = self._clock._set_to - self.shift
-        beyond = math.inf if self._history is None else self._history * NS
-        if at < self._position or at > (self._next or 0) + beyond:
+        lag = _LAG * max(self._clock.speed, 1.0)
+        if at < self._position or at > (self._next or 0) + lag:
             self._move_to(at)
 
     def _end(self) -> None:

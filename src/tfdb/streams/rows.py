@@ -94,6 +94,26 @@ class Stretch(NamedTuple):
 
     cleared: frozenset[str]
     rows: Rows
+    commit: int
+    """The commit that cleared them; 0: none."""
+
+    @property
+    def arrived(self) -> Rows:
+        """The samples without the history that the same commit stored instead: the newest remain.
+
+        So a player's jump, or a copy that begins anew, makes no arrivals of what is past.
+        """
+        count = int(np.searchsorted(self.rows.commits, self.commit, side="right"))
+        if not self.cleared or not count:
+            return self.rows
+        children = self.rows.children[:count]  # the rows of an edge are sorted by stamp
+        newest = {child: row for row, child in enumerate(children)}
+        gone = [
+            child in self.cleared and newest[child] != row for row, child in enumerate(children)
+        ]
+        kept = np.ones(len(self.rows), dtype=bool)
+        kept[:count] = ~np.array(gone)
+        return self.rows.chosen(kept)
 
 
 def stretches_of_bytes(data: bytes) -> tuple[int, list[Stretch]]:
@@ -101,18 +121,18 @@ def stretches_of_bytes(data: bytes) -> tuple[int, list[Stretch]]:
     last, columns, resets = rows_of_commits(data)
     rows = Rows(*columns)
     found = []
-    begun, cleared = 0, frozenset[str]()
-    for row, frames in resets:
-        found.append(Stretch(cleared, rows.part(begun, row)))
-        begun, cleared = row, frozenset(frames)
-    found.append(Stretch(cleared, rows.part(begun, len(rows))))
+    begun, by, cleared = 0, 0, frozenset[str]()
+    for row, commit, frames in resets:
+        found.append(Stretch(cleared, rows.part(begun, row), by))
+        begun, by, cleared = row, commit, frozenset(frames)
+    found.append(Stretch(cleared, rows.part(begun, len(rows)), by))
     return last, found
 
 
 def stretches_of_changes(records: Iterable[Changes]) -> list[Stretch]:
     """Return what remains of the samples of these commits, each with the frames it cleared."""
     return [
-        Stretch(frozenset({*record.cleared, *record.removed}), of_changes([record]))
+        Stretch(frozenset({*record.cleared, *record.removed}), of_changes([record]), record.commit)
         for record in records
     ]
 

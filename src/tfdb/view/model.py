@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tfdb._core import to_nanoseconds
 from tfdb.data.counting import counted
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 from tfdb.data.errors import TfdbError, UnknownFrame
@@ -127,9 +126,8 @@ class Model:
         self._stamp = 0
         self._since = time.monotonic_ns()
         self._clock: Clock = store.clock
-        other = None if live is None else _other_clock(live)
-        self._goes_otherwise = other is not None
-        self._time: Callable[[], int] = self._clock.now if other is None else other
+        self._goes_otherwise = live is not None and live.clock is None
+        self._time: Callable[[], int] = self._clock.now if live is None else live.now
         self._gaps: OrderedDict[str, tuple[float, int, dict[str, Any]]] = OrderedDict()
         self._news: list[dict[str, Any]] = []
         self._judge: LiveJudge | None = None
@@ -510,14 +508,6 @@ class Model:
             call = f"buf.lookup_transform({names})"
         lines = ["import tfdb", "", self._opening] if self._opening else []
         return "\n".join([*lines, f"T = {call}"])
-
-
-def _other_clock(live: Followed) -> Callable[[], int] | None:
-    """Return the clock that stands in for the store's: a graph's, or the buffer's `clock=`."""
-    if live.now is not time.time_ns:
-        return live.now
-    given = live.store._clock
-    return None if given is None else lambda: to_nanoseconds(given())
 
 
 def _event(event: Event) -> dict[str, Any]:
