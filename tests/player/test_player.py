@@ -362,7 +362,7 @@ def test_backwards_to_the_beginning(recording: Path) -> None:
 
 def test_kept_states_are_bounded(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Jumps are right, however few states are kept."""
-    monkeypatch.setattr("tfdb.player.player._KEPT_EVERY", SECOND // 10)
+    monkeypatch.setattr("tfdb.player.player._KEPT_EVERY", 10)
     monkeypatch.setattr("tfdb.player.player._KEPT_BYTES", 50_000)
     store = tfdb.Buffer(None)
     with playing(recording, store, paused=True) as (player, _):

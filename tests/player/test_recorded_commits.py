@@ -6,8 +6,10 @@ import random
 from typing import TYPE_CHECKING
 
 import pytest
+from mcap.reader import make_reader
 
 import tfdb
+from tfdb import errors
 from tfdb.player.player import SOURCE
 from tfdb.player.tape import CommitTape, MessageTape, tape_of
 from tfdb.recordings.open_recordings import open_recordings
@@ -91,8 +93,13 @@ def test_recording_the_played_store_gives_the_same_recording(drive: Path, tmp_pa
     assert contents(copies[0]) == contents(copies[1])
 
 
-def test_jumps_show_the_state_of_the_commit(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tfdb.player.player._KEPT_EVERY", SECOND // 100)
+@pytest.mark.parametrize("indexed", [True, False])
+def test_jumps_show_the_state_of_the_commit(
+    drive: Path, monkeypatch: pytest.MonkeyPatch, *, indexed: bool
+) -> None:
+    monkeypatch.setattr("tfdb.player.player._KEPT_EVERY", 20)
+    if not indexed:
+        monkeypatch.setattr("tfdb.recorder.commit_reader._index_of", lambda _: None)
     commits = list(tfdb.recorded_commits(drive))
     choice = random.Random(5)
     store = tfdb.Buffer(history=None)
@@ -108,6 +115,37 @@ def test_jumps_show_the_state_of_the_commit(drive: Path, monkeypatch: pytest.Mon
                     copy.apply(each.data)
             assert contents(store) == contents(copy)
         assert len(player._states) > 1
+
+
+def test_a_jump_reads_the_file_near_the_moment(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Damage of an earlier part, after it was played, stays unnoticed."""
+    monkeypatch.setattr("tfdb.player.player._KEPT_EVERY", 20)
+    commits = list(tfdb.recorded_commits(drive))
+    path = tmp_path / "drive.mcap"
+    path.write_bytes(drive.read_bytes())
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    store = tfdb.Buffer(history=None)
+    with playing(path, store, paused=True) as (player, _):
+        begun(store)
+        player.seek((commits[-1].time - commits[0].time) / SECOND - 1e-9)
+        settled(player)
+        data = bytearray(path.read_bytes())
+        data[summary.chunk_indexes[2].chunk_start_offset + 60] ^= 0xFF
+        path.write_bytes(data)
+        for at in (-40, -90, -150):
+            player.seek((commits[at].time - commits[0].time) / SECOND)
+            settled(player)
+            copy = tfdb.Buffer(history=None)
+            for each in commits:
+                if each.time <= player.position:
+                    copy.apply(each.data)
+            assert contents(store) == contents(copy)
+    with pytest.raises(errors.RecordingError, match="damaged"):
+        list(tfdb.recorded_commits(path))
 
 
 def test_rounds_of_commits_keep_their_stamps(drive: Path) -> None:

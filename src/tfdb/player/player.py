@@ -33,8 +33,8 @@ _STEP = NS // 1000  # between two rounds, where the recording has one message
 _TIMES = 1 << 16  # of messages that a step back can go to
 _BATCH = 4096  # messages that a jump stores at once
 _TAKEN_OVER = "another player took over the store"
-_KEPT_EVERY = 30 * NS
-"""Between two states that are kept for jumps, by reception."""
+_KEPT_EVERY = 1000
+"""Messages between two states that are kept for jumps."""
 _KEPT_BYTES = 1 << 28
 """Of all kept states: beyond, every other one is forgotten."""
 
@@ -79,6 +79,7 @@ class Player:
         self._parts: Iterator[Part] = iter(())
         self._states: list[tuple[int, bytes]] = []  # by the reception of their last message
         self._every = _KEPT_EVERY
+        self._since_kept = 0  # messages that were read behind the last of these states
         self._read = -1  # when the last message in `_played` was received
         self._next: int | None = None  # when the next message was received; None: not read yet
         self._position = -1  # when the last one was
@@ -206,20 +207,27 @@ class Player:
         self._held.close()
         self._held = self._played.snapshot()
 
-    def _keep_state(self, received: int) -> None:
-        """Keep the state before a message for later jumps, now and then."""
-        if received > self._read >= self._states[-1][0] + self._every:
-            self._states.append((self._read, self._tape.keep(self._played)))
-            if sum(len(data) for _, data in self._states) > _KEPT_BYTES:
-                del self._states[1::2]
-                self._every *= 2
+    def _is_state_due(self, before: int, received: int) -> bool:
+        """Count a message; whether the state before it is to be kept for later jumps."""
+        if before < self._states[-1][0]:
+            return False
+        self._since_kept += 1
+        return self._since_kept > self._every and received > before
+
+    def _keep_state(self) -> None:
+        self._since_kept = 1
+        self._states.append((self._read, self._tape.keep(self._played)))
+        if sum(len(data) for _, data in self._states) > _KEPT_BYTES:
+            del self._states[1::2]
+            self._every *= 2
 
     def _prepare(self) -> bool:
         """Read up to the next message of which something is stored. False: there is none."""
         takes_no_time = self._tape.takes_no_time
         for part in self._parts:
             self._first = part.received if self._first is None else self._first
-            self._keep_state(part.received)
+            if self._is_state_due(self._read, part.received):
+                self._keep_state()
             self._read = part.received
             self._tape.store([part], self._played, self.tally)
             if self._played.commit > self._held.commit:
@@ -269,7 +277,7 @@ class Player:
         self._times.clear()
         self._count = 0
         self._position = self._read = first - 1
-        self._states = [(first - 1, self._tape.keep(self._played))]
+        self._states, self._since_kept = [(first - 1, self._tape.keep(self._played))], 0
         self._parts = self._tape.parts(*self._states[0])
 
     def _obey(self) -> None:
@@ -312,7 +320,7 @@ class Player:
         if not received <= self._read <= at:
             self._played = self._tape.restore(state, self._history)
             self.tally.buffer = self._played
-            self._read = received
+            self._read, self._since_kept = received, 0
             self._parts = self._tape.parts(received, state)
             self._times.clear()
             self._times.append(received)
@@ -323,11 +331,13 @@ class Player:
             if part.received > at:
                 self._parts = chain([part], self._parts)
                 break
-            is_due = part.received >= self._states[-1][0] + self._every
-            if batch and (is_due or len(batch) == _BATCH):
+            before = batch[-1].received if batch else self._read
+            is_due = self._is_state_due(before, part.received)
+            if is_due or len(batch) == _BATCH:
                 self._take(batch)
                 batch = []
-            self._keep_state(part.received)
+            if is_due:
+                self._keep_state()
             batch.append(part)
         self._take(batch)
         self._show()

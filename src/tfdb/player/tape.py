@@ -142,17 +142,17 @@ class CommitTape(Tape):
     shifts = False
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._paths = paths
+        from tfdb.recorder.commit_reader import RecordedFiles  # noqa: PLC0415 - mcap is an extra
+
+        self._files = RecordedFiles(paths)
 
     def begin(self, history: float | None) -> Buffer:
         """See `Tape`."""
         return Buffer(history)
 
-    def parts(self, _received: int, state: bytes) -> Iterator[Part]:
+    def parts(self, received: int, state: bytes) -> Iterator[Part]:
         """See `Tape`."""
-        from tfdb.recorder.commit_reader import recorded_commits  # noqa: PLC0415 - mcap is an extra
-
-        for each in recorded_commits(self._paths, after=state):
+        for each in self._files.commits(received, state):
             yield Part(each.time, each.data)
 
     def store(self, parts: Sequence[Part], store: Buffer, tally: Tally | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import dropwhile
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import commit_of_messages
@@ -22,12 +23,17 @@ from .channels import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
+    from typing import BinaryIO
+
+    from mcap.records import ChunkIndex, Message
 
     from tfdb.data.types import Paths
 
 _TOPICS = (STATE, COMMITS, TF_STATIC, TF)
+_RECORD_HEAD = 9
+"""Bytes of a record's kind and length."""
 
 
 class RecordedCommit(NamedTuple):
@@ -42,9 +48,7 @@ class RecordedCommit(NamedTuple):
     data: bytes
 
 
-def recorded_commits(
-    path: Paths, *, salvage: bool = False, after: bytes = b""
-) -> Iterator[RecordedCommit]:
+def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[RecordedCommit]:
     """Read the commits of what a `Recorder` wrote, in their order.
 
     A store that applies all of them is equal to the one that was recorded, with clears, removals
@@ -56,8 +60,6 @@ def recorded_commits(
         A file, or the files of one recording in their order.
     salvage
         Read files that were cut short or damaged, each up to there.
-    after
-        Bytes of a commit or state of the same recording: only later commits are read.
 
     Raises
     ------
@@ -69,33 +71,103 @@ def recorded_commits(
         A file cannot be read.
     """
     check_flag("salvage", salvage)
-    return _commits_of(check_paths(path, RecordingError), after, salvage=salvage)
+    return _commits_of(check_paths(path, RecordingError), salvage=salvage)
 
 
-def _commits_of(paths: list[Path], after: bytes, *, salvage: bool) -> Iterator[RecordedCommit]:
-    reader = _Reader(after)
+class RecordedFiles:
+    """The files of one recording, to be read from any commit on. Threads: one."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = paths
+        self._indexes: dict[Path, _Index | None] = {}
+
+    def commits(self, since: int, after: bytes) -> Iterator[RecordedCommit]:
+        """Read the commits behind that of `after`, which was recorded at `since` (ns).
+
+        Raises as `recorded_commits`.
+        """
+        reader = _Reader(after)
+        for path in self._paths:
+            if after and path not in self._indexes:
+                self._indexes[path] = _index_of(path)
+            index = self._indexes.get(path) if after else None
+            for topic, message in _messages(path, index=index, since=since):
+                yield from reader.take(topic, message)
+            yield from reader.end()
+
+
+def _commits_of(paths: list[Path], *, salvage: bool) -> Iterator[RecordedCommit]:
+    reader = _Reader(b"")
     for path in paths:
-        for topic, time, sequence, data in _messages(path, salvage=salvage):
-            yield from reader.take(topic, time, sequence, data)
+        for topic, message in _messages(path, salvage=salvage):
+            yield from reader.take(topic, message)
         yield from reader.end()
 
 
-def _messages(path: Path, *, salvage: bool) -> Iterator[tuple[str, int, int, bytes]]:
-    """Topic, time, sequence and bytes of each message that tfdb knows, in the file's order."""
+class _Index(NamedTuple):
+    """Where the messages of a file lie."""
+
+    topics: dict[int, str]
+    """Those that tfdb knows, by channel."""
+    chunks: Sequence[ChunkIndex]
+    """In the file's order."""
+
+    def messages(self, file: BinaryIO, since: int) -> Iterator[tuple[str, Message]]:
+        """Read from the chunk on that has the first message of that time, or a later one."""
+        from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - mcap is an extra
+        from mcap.records import Chunk, Message  # noqa: PLC0415
+        from mcap.stream_reader import breakup_chunk  # noqa: PLC0415
+
+        for each in dropwhile(lambda chunk: chunk.message_end_time < since, self.chunks):
+            file.seek(each.chunk_start_offset + _RECORD_HEAD)
+            chunk = Chunk.read(ReadDataStream(file))
+            for record in breakup_chunk(chunk, validate_crc=True):
+                if isinstance(record, Message) and record.channel_id in self.topics:
+                    yield self.topics[record.channel_id], record
+
+
+def _index_of(path: Path) -> _Index | None:
+    """Read the index at a file's end. None: it has none that is whole."""
+    from mcap.exceptions import McapError  # noqa: PLC0415 - mcap is an extra
+    from mcap.reader import SeekingReader  # noqa: PLC0415
+
+    with errors_name(path), path.open("rb") as file:
+        try:
+            found = SeekingReader(file).get_summary()
+        except (McapError, ValueError):
+            return None
+    if found is None or found.statistics is None:
+        return None
+    chunks = sorted(found.chunk_indexes, key=lambda each: each.chunk_start_offset)
+    if len(chunks) != found.statistics.chunk_count:
+        return None
+    channels = found.channels.values()
+    return _Index({each.id: each.topic for each in channels if each.topic in _TOPICS}, chunks)
+
+
+def _messages(
+    path: Path, *, salvage: bool = False, index: _Index | None = None, since: int = 0
+) -> Iterator[tuple[str, Message]]:
+    """Topic and message of all that tfdb knows, in the file's order; with an index, since then."""
     try:
         from mcap.exceptions import EndOfFile  # noqa: PLC0415 - mcap is an extra
         from mcap.reader import NonSeekingReader  # noqa: PLC0415
     except ImportError as error:
         raise missing("recorded_commits", error) from error
-    begun = False
+    begun = index is not None
     with errors_name(path), path.open("rb") as file:
-        reader = NonSeekingReader(file, validate_crcs=True)
+        if index is not None:
+            messages = index.messages(file, since)
+        else:
+            reader = NonSeekingReader(file, validate_crcs=True)
+            every = reader.iter_messages(_TOPICS, log_time_order=False)
+            messages = ((channel.topic, message) for _, channel, message in every)
         try:
-            for _, channel, message in reader.iter_messages(_TOPICS, log_time_order=False):
-                if not begun and channel.topic != STATE:
+            for topic, message in messages:
+                if not begun and topic != STATE:
                     break
                 begun = True
-                yield channel.topic, message.log_time, message.sequence, message.data
+                yield topic, message
         except OSError:
             raise
         except Exception as error:  # of mcap, and of what unpacks its chunks
@@ -120,8 +192,9 @@ class _Reader:
         self._time = self._next = -1
         self._parts: dict[str, bytes] = {}
 
-    def take(self, topic: str, time: int, sequence: int, data: bytes) -> Iterator[RecordedCommit]:
+    def take(self, topic: str, message: Message) -> Iterator[RecordedCommit]:
         """Take a message; yields a commit that is complete."""
+        time, data = message.log_time, message.data
         if topic in (STATE, COMMITS):
             yield from self.end()
             sample = unwrapped(data)
@@ -131,7 +204,7 @@ class _Reader:
             self._commit, self._epoch = last, epoch_of(sample)
             yield RecordedCommit(time, last, topic == STATE, sample)
             return
-        after = (sequence - self._commit) % SEQUENCES
+        after = (message.sequence - self._commit) % SEQUENCES
         if after == 0 or after >= SEQUENCES // 2:
             return  # of a commit that was read
         number = self._commit + after
