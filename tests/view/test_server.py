@@ -72,7 +72,8 @@ def test_a_viewer_gets_the_source_the_tree_all_poses_and_the_facts(served: Serve
         facts = viewer.receive()
         assert facts["rows"] == [1, 2]
         assert facts["newest"] == [str(T0 + 19 * S // 10)] * 2
-        assert facts["rate"] == [10.0, 10.0]
+        assert facts["rate"] == [1000, 1000]  # hundredths of Hz
+        assert facts["gap"] == [1000, 1000]  # tenths of ms
         assert (facts["start"], facts["end"]) == (str(T0), str(T0 + 19 * S // 10))
         names = [facts["authorities"][each] for each in facts["authority"]]
         assert names == ["", "ekf", "ekf", "urdf"]

@@ -137,14 +137,13 @@ def write_poses(
     poses: npt.NDArray[np.float32],
 ) -> bytes:
     """Write poses as bytes: a header, the rows of the tree, and 7 numbers for each."""
-    count = len(rows)
-    head = _HEADER.pack(kind, topology, stamp, count, 0)
-    return head + rows.astype("<u4").tobytes() + poses.astype("<f4", copy=False).tobytes()
+    head = _HEADER.pack(kind, topology, stamp, len(rows), 0)
+    values = poses.astype("<f4", order="C", copy=False)
+    return b"".join((head, rows.astype("<u4").data, values.data))
 
 
-def as_numbers(values: npt.NDArray[np.float64], digits: int | None = None) -> list[Any]:
+def as_numbers(values: npt.NDArray[np.float64]) -> list[Any]:
     """Return numbers for JSON, which has no NaN: None instead."""
-    values = values if digits is None else np.round(values, digits)
     if np.isfinite(values).all():
         return values.tolist()  # type: ignore[no-any-return]
     found = values.astype(object)

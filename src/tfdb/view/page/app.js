@@ -314,8 +314,8 @@ function takeFacts(facts) {
     made.newest = new Array(count).fill(null);
     made.age = new Float64Array(count).fill(NaN);
     facts.rows.forEach((row, each) => {
-      made.rate[row] = facts.rate[each];
-      made.gap[row] = facts.gap[each];
+      made.rate[row] = facts.rate[each] / 100;
+      made.gap[row] = facts.gap[each] / 1e4;
       made.late[row] = facts.late[each];
       const newest = big(facts.newest[each]);
       made.newest[row] = newest;
