@@ -1,8 +1,10 @@
 // The clock of a store.
 #include "tfdb/store/clock.hpp"
 
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -206,7 +208,7 @@ void bind_settings(nb::class_<ClockObject>& made) {
         "Seconds of this clock in a real second: above 0. Raises as `pause`, and InvalidArgument.");
 }
 
-/// What src/tfdb/player needs.
+/// What src/tfdb/player and the command line need.
 void bind_for_players(nb::class_<ClockObject>& made) {
     made.def_prop_ro(
         "_set_to",
@@ -216,6 +218,14 @@ void bind_for_players(nb::class_<ClockObject>& made) {
             return set ? set->time : clock.now();
         },
         nb::sig("def _set_to(self) -> int"), "What the clock showed when it was set last.");
+    made.def_prop_ro(
+        "_set_since",
+        [](nb::handle self) -> std::optional<std::int64_t> {
+            const auto set = open_clock(self).setting();
+            return set ? std::optional(set->since) : std::nullopt;
+        },
+        nb::sig("def _set_since(self) -> int | None"),
+        "When it was set last, as `time.monotonic_ns` counts; None: it follows the system.");
     made.def_prop_ro(
         "_settings", [](nb::handle self) { return open_clock(self).settings(); },
         nb::sig("def _settings(self) -> int"), "How often the clock was set.");

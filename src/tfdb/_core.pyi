@@ -2011,6 +2011,12 @@ class Clock:
         """What the clock showed when it was set last."""
 
     @property
+    def _set_since(self) -> int | None:
+        """
+        When it was set last, as `time.monotonic_ns` counts; None: it follows the system.
+        """
+
+    @property
     def _settings(self) -> int:
         """How often the clock was set."""
 

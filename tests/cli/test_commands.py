@@ -52,7 +52,10 @@ def test_help_names_every_command(tool: Tool) -> None:
     names += " static-publisher change-notifier buffer-server freeze convert merge rename"
     names += " bench verify completion"
     assert re.findall(r"^  ([a-z][\w-]*)  ", shown, re.MULTILINE) == names.split()
-    groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("follow", "ros1", "ros2")}
+    groups = {
+        "shm": ("ls", "info", "reset-clock", "compact", "rm"),
+        "serve": ("follow", "ros1", "ros2"),
+    }
     for name in names.split():
         for part in groups.get(name, ("",)):
             assert "--json" in tool(*filter(None, (name, part)), "--help").out

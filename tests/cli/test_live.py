@@ -100,7 +100,7 @@ def test_shm(tool: Tool, served: str) -> None:
     (listed,) = [s for s in tool("shm", "ls", "--json").json["stores"] if s["name"] == name]
     told = tool("shm", "info", served, "--json").json
     keys = ("path", "permissions", "user", "group", "commit", "frames", "samples", "history_s")
-    keys += ("size_bytes", "memory_bytes", "used_bytes", "processes", "repairs")
+    keys += ("size_bytes", "memory_bytes", "used_bytes", "processes", "repairs", "clock")
     assert set(listed) == {"name", "error", *keys}
     assert set(told) == {"tfdb", "command", "name", "start_ns", "end_ns", *keys}
     assert listed["frames"] == told["frames"] == 85

@@ -90,6 +90,28 @@ def opened(name: str, player: subprocess.Popen[bytes]) -> tfdb.Buffer:
             assert player.poll() is None
 
 
+def test_the_clock_of_a_killed_player_is_shown_and_reset(tool: Tool, bag: Path, name: str) -> None:
+    command = [sys.executable, "-m", "tfdb.cli", "play", str(bag), "--into", name, "--speed", "0.5"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as player:
+        store = opened(name, player)
+        while store.clock.speed != 0.5:
+            assert player.poll() is None
+        player.kill()
+    clock = tool("shm", "info", name, "--json").json["clock"]
+    assert (clock["speed"], clock["paused"]) == (0.5, False)
+    assert 0 <= clock["set_s_ago"] < LONGEST
+    assert clock["now_ns"] <= store.clock.now()
+    said = tool("shm", "info", f"shm:{name}").out
+    assert "clock     speed 0.5, at " in said
+    assert f"'tfdb shm reset-clock {name}'" in " ".join(said.split())
+    store.clock.pause()
+    assert "clock     paused at " in tool("shm", "info", name).out
+    assert tool("shm", "reset-clock", f"shm:{name}", "--json").json["before"]["paused"]
+    assert store.clock.is_system
+    assert "clock     the system's" in tool("shm", "info", name).out
+    assert tool("shm", "info", name, "--json").json["clock"] is None
+
+
 @pytest.mark.parametrize("speed", ["0", "-1", "nan", "fast"])
 def test_bad_speeds_are_refused(tool: Tool, bag: Path, name: str, speed: str) -> None:
     said = tool("play", bag, "--into", name, "--speed", speed, code=2).error

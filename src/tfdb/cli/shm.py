@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -17,6 +18,7 @@ from tfdb.store.summary import span
 from . import common, layout, output
 from .graph import STORE
 from .groups import SuggestingCommand, SuggestingGroup
+from .times import NS
 
 if TYPE_CHECKING:
     import os
@@ -99,7 +101,26 @@ def _body(store: Buffer) -> dict[str, Any]:
         # 0: it may not be known. This command is one of them.
         "processes": shared.processes - 1 if shared.processes else None,
         "repairs": shared.repairs,
+        "clock": _clock_body(store.clock),
     }
+
+
+def _clock_body(clock: tfdb.Clock) -> dict[str, Any] | None:
+    since = clock._set_since
+    if since is None:
+        return None
+    passed = (time.monotonic_ns() - since) / NS
+    shown = {"now_ns": clock.now(), "speed": clock.speed, "paused": clock.paused}
+    return {**shown, "set_s_ago": round(passed, 3)}
+
+
+def _clock_text(name: str, clock: dict[str, Any] | None) -> str:
+    if clock is None:
+        return "the system's"
+    how = "paused at" if clock["paused"] else f"speed {clock['speed']:g}, at"
+    ago = format_duration(round(clock["set_s_ago"] * NS))
+    text = f"{how} {format_ns(clock['now_ns'])}, set {ago} ago"
+    return f"{text}; 'tfdb shm reset-clock {name}' lets it follow the system's"
 
 
 def _memory_of(status: os.stat_result) -> int:
@@ -124,7 +145,7 @@ def _row(body: dict[str, Any]) -> tuple[Any, ...]:
 @name_argument
 @common.json_option
 def describe(*, name: str, as_json: bool) -> None:
-    """Show the size, use, owner and readers of the store NAME.
+    """Show the size, use, owner, readers and clock of the store NAME.
 
     Example: tfdb shm info robot1
     """
@@ -151,8 +172,29 @@ def describe(*, name: str, as_json: bool) -> None:
         ("memory", f"{_mebi(body['memory_bytes'])} of at most {_mebi(body['size_bytes'])}"),
         ("processes", f"{_known(body['processes'])} beside this one"),
         ("repaired", repairs),
+        ("clock", _clock_text(body["name"], body["clock"])),
     ):
         out.print(layout.wrap([f"{what:<10}", *layout.words(text)], " " * 10))
+
+
+@command.command("reset-clock", cls=SuggestingCommand)
+@name_argument
+@common.json_option
+def reset_clock(*, name: str, as_json: bool) -> None:
+    """Let the clock of the store NAME follow the system's again.
+
+    Example: tfdb shm reset-clock robot1
+
+    A player that ends does so itself. One that was killed leaves the clock as it was set.
+    """
+    given = name.removeprefix(STORE)
+    with tfdb.Buffer.open(given, create=False) as store:
+        before = _clock_body(store.clock)
+        store.clock.follow_system()
+    if as_json:
+        output.emit_json("shm reset-clock", {"name": given, "before": before})
+    else:
+        output.say(f"the clock of {given} follows the system's")
 
 
 @command.command("compact", cls=SuggestingCommand)
