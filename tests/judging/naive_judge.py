@@ -152,6 +152,11 @@ class NaiveJudge:
         if alive is not None:
             found.append(("liveliness", self.again, row.authority, t, t, alive.liveliness))
         if row.static:
+            self.edges.pop(row.edge, None)
+            for kind in ("deadline", "lifespan"):
+                due, limit = self.due.pop((kind, row.edge), (0, 0.0))
+                if (kind, row.edge) in self.broken:
+                    found.append((kind, self.met, row.edge, t, limit + (t - due) / S))
             return found
         if limits.deadline:
             found.append(("deadline", self.again, row.edge, t, t, limits.deadline))
@@ -190,11 +195,13 @@ class NaiveJudge:
             edge.newest = Row(**vars(row))
         edge.ahead = lead if before is None or jumps else max(edge.ahead, lead)
         if limits.lifespan:
-            edge.arrived = t if fresh or jumping else edge.arrived
+            edge.arrived = t if fresh or jumps else edge.arrived
             assert edge.newest is not None
             since = (usual if jumping else edge.newest.stamp) - skew
             if self.expectations.clock == "arrival":
-                since = edge.arrived
+                since = t if jumping else edge.arrived
+            if behind > S and not jumps and ("lifespan", row.edge) in self.broken:
+                return found
             if abs(since - t) <= 3600 * S:
                 found.append(("lifespan", self.again, row.edge, t, since, limits.lifespan))
             else:

@@ -106,7 +106,7 @@ FAULTS = [
     ("deadline = 0.5", "deadline = 0", 4, "must be positive"),
     ("deadline = 0.5", "deadline = -1", 4, "must be positive"),
     ("deadline = 0.5", "deadline = nan", 4, "must be positive"),
-    ("deadline = 0.5", "deadline = inf", 4, "must be positive and finite"),
+    ("deadline = 0.5", "deadline = inf", 4, "must be positive and below 1e9"),
     ("deadline = 0.5", "deadline = true", 4, "give a number or text"),
     ("deadline = 0.5", "deadline = 1e-12", 4, "the shortest is 1 ns"),
     ("deadline = 0.5", "deadline = 0.5\ndeadline = 0.6", 5, "give TOML"),
@@ -114,7 +114,7 @@ FAULTS = [
     ("deadline = 0.5", 'parent = "map"', 4, "'parent' is not one of"),
     ('"50ms"', '"50 parsec"', 8, "one of the units s, ms, us, ns, min"),
     ('"50ms"', '"ms"', 8, "one of the units"),
-    ('"50ms"', '"1e400s"', 8, "must be positive and finite"),
+    ('"50ms"', '"1e400s"', 8, "must be positive and below 1e9"),
     ('"90 deg"', '"90 s"', 9, "one of the units rad, deg"),
     ('["ekf", "wheels"]', '["ekf", "ekf"]', 10, "'ekf' twice"),
     ('["ekf", "wheels"]', "[3]", 10, "give a name"),
@@ -134,6 +134,10 @@ FAULTS = [
         "join",
     ),
     ("[[authority]]", "[authority]", 17, r"write \[\[authority\]\]"),
+    ("[default]", "[[default]]", 3, r"write \[default\]"),
+    ("deadline = 0.5", "deadline = 1e9", 4, "must be positive and below 1e9"),
+    ('parent = "odom"', 'parent = "base"', 6, "parent and child are both 'base'"),
+    ('deadline = "error"', 'time-jump = "ok"', 5, "give its severity in the default"),
 ]
 
 
@@ -170,6 +174,8 @@ def test_objects_of_other_types_are_refused() -> None:
         Expectations([AuthorityExpectation("a", 1)])  # type: ignore[list-item]
     with pytest.raises(TypeError, match="give a mapping"):
         Expectation(severity=["late"])  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="authority is None; give a name, or a list"):
+        Expectation(authority=None)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="give an Expectation"):
         Expectations(default={"deadline": 1})  # type: ignore[arg-type]
 

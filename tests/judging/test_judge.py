@@ -116,6 +116,42 @@ def test_the_age_of_the_newest_stamp_is_the_lifespan() -> None:
     ]
 
 
+@pytest.mark.parametrize("clock", ["stamps", "arrival"])
+def test_a_sample_far_behind_does_not_end_the_lifespan(clock: str) -> None:
+    rows = [row(0), row(2.0, 3.5), row(2.9, 4.5), row(4.0)]
+    assert judged(rows, 4.0, lifespan=0.5, clock=clock) == [
+        ("lifespan", "stale", 0.5),
+        ("lifespan", "ok", 4.0),
+    ]
+
+
+def test_an_edge_that_becomes_static_is_not_waited_for() -> None:
+    limits: dict[str, Any] = {"deadline": 0.5, "lifespan": 0.8}
+    still = row(0.4, static=True)
+    assert judged([row(0), still], 9, **limits) == []
+    late = row(2.0, static=True)
+    assert judged([row(0), late], 9, **limits) == [
+        ("deadline", "warning", 0.5),
+        ("lifespan", "stale", 0.8),
+        ("lifespan", "ok", 2.0),
+        ("deadline", "ok", 2.0),
+    ]
+    assert judged([row(0), still, row(0.6)], 1.2, **limits) == [("deadline", "warning", 1.1)]
+    assert judged([still, row(0.6), row(0.7, static=True)], 9, **limits) == []
+
+
+@pytest.mark.parametrize("longer_first", [False, True])
+def test_an_authority_of_two_edges_is_alive_by_the_shorter_limit(longer_first: bool) -> None:
+    edges = [
+        Expectation("map", "odom", authority="ekf", liveliness=1),
+        Expectation(*EDGE, authority="ekf", liveliness=3, severity={"liveliness": "ok"}),
+    ]
+    judge = Judge(Expectations(edges[::-1] if longer_first else edges), START)
+    events = judge.feed(rows_of(judge, regular(0))) + judge.advance(START + 2 * S)
+    alive = [event for event in events if event.kind == "liveliness"]
+    assert [(e.time - START, e.severity) for e in alive] == [(S, "error")]
+
+
 def test_an_authority_is_alive_by_its_commits_on_any_edge() -> None:
     other = ("map", "odom")
     rows = [row(0), row(0.8, edge=other), row(1.6), row(4, edge=other), row(4.1, authority="x")]

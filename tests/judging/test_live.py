@@ -330,6 +330,8 @@ def test_streams_end_with_their_buffer(name: str) -> None:
     with pytest.raises(NoSuchStore):
         stream.read_next(timeout=None)
     assert installed.removed
+    with pytest.raises(NoSuchStore):
+        shared.expectations.drain()
 
 
 def test_a_stream_of_a_buffer_without_expectations_ends() -> None:
@@ -428,6 +430,8 @@ def test_a_clock_that_raises_ends_the_judgement_not_the_buffer(
         with pytest.raises(ValueError, match="no time"):
             stream.read_next(timeout=60)
         assert "the expectations of a buffer have ended" in caplog.text
+        with pytest.raises(ValueError, match="no time"):
+            buf.expectations.drain(60)
         broken = False
         with buf.expect("odom", "base", deadline=1):
             assert buf.expectations.drain(60)

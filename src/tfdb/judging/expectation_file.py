@@ -77,7 +77,8 @@ class ExpectationFile:
         authorities = [self._make("authority", *each) for each in self._sections(body, "authority")]
         default = body.get("default", {})
         if not isinstance(default, dict):
-            self._refuse("default must be a table; write [default]", self._line("", 0, "default"))
+            line = self._line("default", 0, "") or self._line("", 0, "default")
+            self._refuse("default must be a table; write [default]", line)
         made = self._make("default", 0, default)
         try:
             return whole(edges, authorities, made, body.get("clock", "stamps"))

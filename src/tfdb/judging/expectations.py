@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, get_args
 
@@ -15,12 +15,12 @@ from tfdb.data.new_file import new_file
 from tfdb.data.path_checks import check_path
 from tfdb.data.stamps import shown
 
-from .events import EVENT_KINDS, Severity
+from .events import CLOCKS, EVENT_KINDS, Severity
 from .expectation_file import TIME, UNITS, ExpectationFile, text_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
 __all__ = ["AuthorityExpectation", "Expectation", "Expectations", "Limits"]
 
@@ -61,6 +61,10 @@ class Expectation:
     def __post_init__(self) -> None:
         for name in ("parent", "child"):
             _check_name(name, getattr(self, name))
+        if self.is_exact and self.parent == self.child:
+            raise InvalidArgument(f"parent and child are both {self.parent!r}; name two frames")
+        if not isinstance(self.authority, Iterable):
+            raise TypeError(f"authority is {shown(self.authority)}; give a name, or a list")
         names = (self.authority,) if isinstance(self.authority, str) else tuple(self.authority)
         object.__setattr__(self, "authority", names)
         for each in names:
@@ -235,6 +239,7 @@ def limits_of_authority(expectations: Expectations, name: str) -> AuthorityExpec
     named.sort(key=lambda each: "*" in each.name)
     found = [(each.liveliness, each.severity) for each in named]
     edges = [each for each in expectations.edges if any(matches(a, name) for a in each.authority)]
+    edges.sort(key=lambda each: each.liveliness or 0)
     found += [(e.liveliness, e.severity) for e in (*edges, expectations.default) if e.liveliness]
     return AuthorityExpectation(name, *found[0]) if found else None
 
@@ -280,7 +285,9 @@ def _quantity(name: str, value: object, units: Mapping[str, float]) -> float:
     else:
         raise InvalidArgument(f"{name} is {shown(value)}; give a number or text", value=value)
     if not 0 < found < _GREATEST:
-        raise InvalidArgument(f"{name} is {value!r}; it must be positive and finite", value=value)
+        raise InvalidArgument(
+            f"{name} is {value!r}; it must be positive and below 1e9", value=value
+        )
     if units is TIME and found < 1e-9:
         raise InvalidArgument(f"{name} is {value!r}; the shortest is 1 ns", value=value)
     return found
@@ -304,6 +311,10 @@ def _check_contradictions(
         if each.liveliness and not each.authority:
             text = f"liveliness of {each.parent} -> {each.child} needs an authority; name one"
             raise InvalidArgument(text, index=index)
+        for kind in CLOCKS:
+            if kind in each.severity:
+                text = f"{kind} is an event of all edges; give its severity in the default"
+                raise InvalidArgument(text, index=index)
         if (each.parent, each.child) in pairs:
             text = f"edge {each.parent} -> {each.child} is expected twice; join the two"
             raise InvalidArgument(text, index=index)

@@ -8,6 +8,7 @@ calls, and one more round of them for each jump of an edge's stamps within it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -279,6 +280,11 @@ class Judge:
             return []
         if (np.diff(rows.arrivals) < 0).any():
             raise InvalidArray("arrivals decrease within a batch; sort the rows by arrival")
+        still = rows.static
+        if np.isin(rows.edges[still], rows.edges[~still]).any():  # an edge changes its kind
+            cuts = [0, *(np.flatnonzero(still[1:] != still[:-1]) + 1), len(rows)]
+            parts = [rows.at(slice(*cut)) for cut in pairwise(cuts)]
+            return [event for part in parts for event in self.feed(part, doubt)]
         drafts = self._go_back(int(rows.arrivals[0]))
         self._seen[rows.edges] = True
         groups = Groups.of(rows.edges)
@@ -294,8 +300,9 @@ class Judge:
         if kinds["liveliness"].judged:
             writers = Groups.of(rows.authorities)
             drafts += _repeating(kinds["liveliness"], writers, rows.arrivals, doubt)
-        if rows.static.any():
-            groups = groups.only(~rows.static[groups.rows])
+        if still.any():
+            drafts += self._judge_static(rows, groups.only(still[groups.rows]))
+            groups = groups.only(~still[groups.rows])
         if kinds["deadline"].judged:
             drafts += _repeating(kinds["deadline"], groups, rows.arrivals, doubt)
         drafts += self._judge_motion(rows, groups)
@@ -337,6 +344,9 @@ class Judge:
         if not frames:
             return
         chosen = [number for (_, child), number in self.edges.items() if child in frames]
+        self._begin_anew(np.array(chosen, dtype=np.int64))
+
+    def _begin_anew(self, chosen: Integers) -> None:
         self._newest[chosen] = -1
         self._ahead[chosen] = -NEVER
         self._skew[chosen] = 0
@@ -456,6 +466,16 @@ class Judge:
         drafts = _samples(kind, clock, times, np.array([abs(moved) / NS]))
         return [replace(draft, row=None) for draft in drafts]
 
+    def _judge_static(self, rows: Rows, groups: Groups) -> list[_Draft]:
+        """End what moving edges break that are static from now on: no sample is waited for."""
+        drafts: list[_Draft] = []
+        for kind in (self._kinds["deadline"], self._kinds["lifespan"]):
+            if kind.judged:
+                due = np.full(len(groups.rows), NEVER)
+                drafts += _silences(kind, groups, rows.arrivals, due)
+        self._begin_anew(groups.subjects)
+        return drafts
+
     def _judge_motion(self, rows: Rows, groups: Groups) -> list[_Draft]:
         """Judge stamps and poses of moving samples."""
         drafts: list[_Draft] = []
@@ -507,13 +527,16 @@ class Judge:
         if kind.judged:
             # Where the stamps jump, ages go on as if they had not: that is one event, no more.
             jumping = jump | (far > 0)
-            arrived = groups.greatest(np.where(fresh | jumping, arrivals, 0), self._fresh)
-            base = arrived
+            arrived = groups.greatest(np.where(fresh | jump, arrivals, 0), self._fresh)
+            base = np.where(jumping, arrivals, arrived)
             if self._by_stamps:
                 usual = arrivals + groups.before(ahead, self._ahead)
                 base = np.where(jumping, usual, newest) - self._skew[groups.subjects]
             due = np.minimum(base, NEVER - 1) + kind.lengths[groups.subjects]
             due[np.abs(base - arrivals) > ANOTHER_CLOCK] = NEVER
+            for _ in range(2):  # of samples far behind, which end no event; the third is a jump
+                due_before = groups.before(due, kind.due)
+                due = np.where((far > 0) & ~jump & (arrivals > due_before), due_before, due)
             drafts += _silences(kind, groups, rows.arrivals, due)
             self._fresh[groups.subjects[groups.lasts]] = arrived[groups.lasts]
         subjects = groups.subjects[groups.lasts]

@@ -104,6 +104,7 @@ class Watcher:
         self._source: _Source | None = None
         self._pending: list[Event] = []  # that are to be told first
         self._thread: threading.Thread | None = None
+        self._error: BaseException | None = None  # that ended the judgement
         self._asked = 0
         self._answered = 0
 
@@ -117,7 +118,7 @@ class Watcher:
                 self._source = _Source(self._buffer)
                 judge = Judge(installed.expectations, self._source.now())
                 self._live = LiveJudge(self._source, judge)
-                self._pending = self._live.begun
+                self._pending, self._error = self._live.begun, None
             self.installed.append(installed)
             installed._remove = self.remove
             if self._thread is None:
@@ -175,6 +176,8 @@ class Watcher:
                 left = None if until is None else until - time.monotonic()
                 if not self._lock.wait(left):
                     return False
+            if self._error is not None:
+                raise self._error.with_traceback(None)
         _ = self._buffer.commit
         return True
 
@@ -245,6 +248,7 @@ class Watcher:
                 installed._remove = None
             self.installed = []
             self._live = self._source = self._thread = None
+            self._error = error
             streams = list(self._streams)
             self._lock.notify_all()
         for stream in streams:
