@@ -11,6 +11,7 @@
 #include "errors.hpp"
 #include "reads.hpp"
 #include "tfdb/wire/commit_messages.hpp"
+#include "tfdb/wire/crc32c.hpp"
 
 namespace tfdb::python {
 namespace {
@@ -70,6 +71,10 @@ nb::bytes commit_of_messages(nb::handle epoch, nb::handle since, nb::handle comm
     return nb::bytes(made.data(), made.size());
 }
 
+std::uint32_t checksum_of(nb::handle data) {
+    return wire::crc32c(BytesLike(data, "data").bytes());
+}
+
 }  // namespace
 
 void bind_commit_messages(nb::module_& module) {
@@ -89,6 +94,9 @@ void bind_commit_messages(nb::module_& module) {
                        "moving: bytes | None, static: bytes | None) -> bytes"),
                "The bytes for `apply` of a commit that stores the transforms of TFMessages.\n\n"
                "`epoch` is the 24 bytes that the source's samples have at 8.");
+    module.def("crc32c", &checksum_of, nb::arg("data").none(),
+               nb::sig("def crc32c(data: bytes | memoryview) -> int"),
+               "The CRC-32C of bytes, with which samples end.");
 }
 
 }  // namespace tfdb::python

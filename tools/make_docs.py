@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parent.parent
 STUB = ROOT / "src" / "tfdb" / "_core.pyi"
 CONFIGURATION = ROOT / "tools" / "site"
 ROOMS = ["comparing", "errors", "judging", "plot", "recordings", "robots", "rules", "store.summary"]
-ROOMS += ["recorder", "streams", "trajectories"]
+ROOMS += ["net", "recorder", "streams", "trajectories"]
 MODULES = ("tfdb", "tfdb.types", *(f"tfdb.{room}" for room in ROOMS))
 # Base classes, which `tfdb` does not export.
 UNLISTED = ("Cursor", "Freezable", "Policy", "Reads", "SharedReads")

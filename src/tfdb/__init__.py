@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from . import comparing as comparing
     from . import errors as errors
     from . import judging as judging
+    from . import net as net
     from . import plot as plot
     from . import recorder as recorder
     from . import recordings as recordings
@@ -126,6 +127,7 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
             "errors": (),
             "judging": (),
             "judging.expectations": ("Expectations",),
+            "net": (),
             "plot": (),
             "recorder": (),
             "recorder.commit_reader": ("recorded_commits",),

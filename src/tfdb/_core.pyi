@@ -2298,5 +2298,8 @@ def commit_of_messages(epoch: bytes, since: int, commit: int, moving: bytes | No
     `epoch` is the 24 bytes that the source's samples have at 8.
     """
 
+def crc32c(data: bytes | memoryview) -> int:
+    """The CRC-32C of bytes, with which samples end."""
+
 def checked(function: Callable[..., Any]) -> Any:
     """The function, with our words for calls that do not fit its parameters."""

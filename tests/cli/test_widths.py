@@ -130,8 +130,8 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
     "rename": [(("good.bag", "-o", "r.bag", "--rename", f"{MAP}:=map", "--overwrite"), (), 0)],
     "verify": [(("history.jsonl",), (), 0)],
 }
-WITHOUT = {"bench", "buffer-server", "completion", "serve", "view"}
-"""A program of its own, two that need a graph and print no frame, a script, and a server."""
+WITHOUT = {"bench", "buffer-server", "completion", "mirror", "publish", "serve", "view"}
+"""A program of its own, those that need a graph or a network and print no frame, a script."""
 
 
 def test_every_command_is_run_here() -> None:

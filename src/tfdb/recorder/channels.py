@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from tfdb.data.errors import NotSupported
 from tfdb.recordings.tf_definition import ROS2_TEXT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Messages: TypeAlias = "tuple[int, bytes | None, bytes | None, bytes | None]"
 """Of one commit, or of a state: its number, and what `messages_of_commits` makes of it."""
@@ -59,32 +56,6 @@ def unwrapped(message: bytes) -> bytes:
     ):
         raise ValueError("a message that tfdb did not record")
     return message[_HEAD.size :]
-
-
-def numbers_of(sample: bytes) -> tuple[int, int]:
-    """Return after which commit the bytes of commits go on, and their last one; docs/wire.md.
-
-    Of a state both are its commit.
-    """
-    varints = _varints(sample, 36)
-    since = next(varints)
-    return since, since + (next(varints) if sample[5] == 1 else 0)
-
-
-def epoch_of(sample: bytes) -> bytes:
-    """Return the epoch of a sample's store, as the sample has it."""
-    return sample[8:32]
-
-
-def _varints(data: bytes, at: int) -> Iterator[int]:
-    while True:
-        number = shift = 0
-        while data[at] >= 0x80:
-            number |= (data[at] & 0x7F) << shift
-            shift += 7
-            at += 1
-        yield number | data[at] << shift
-        at += 1
 
 
 def missing(name: str, error: ImportError) -> NotSupported:

@@ -9,6 +9,7 @@ from tfdb._core import commit_of_messages
 from tfdb.data.argument_checks import check_flag
 from tfdb.data.errors import RecordingError
 from tfdb.data.path_checks import check_paths, errors_name
+from tfdb.data.sample_heads import epoch_of, numbers_of
 
 from .channels import (
     COMMITS,
@@ -16,9 +17,7 @@ from .channels import (
     STATE,
     TF,
     TF_STATIC,
-    epoch_of,
     missing,
-    numbers_of,
     unwrapped,
 )
 

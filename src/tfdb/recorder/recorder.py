@@ -24,9 +24,10 @@ from tfdb.data.errors import (
     WatchClosed,
 )
 from tfdb.data.path_checks import check_path
+from tfdb.data.sample_heads import numbers_of
 from tfdb.data.suggestions import first_few
 
-from .channels import missing, numbers_of
+from .channels import missing
 from .chosen_names import ChosenNames
 
 if TYPE_CHECKING:

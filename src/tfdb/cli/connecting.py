@@ -1,0 +1,74 @@
+"""What the commands that publish and mirror share: options, events, their end."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from . import layout, output
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tfdb.net import Event, Home, Mirror, Session
+
+_OPTIONS = (
+    click.option(
+        "--connect",
+        multiple=True,
+        metavar="ENDPOINT",
+        help="Connect to this Zenoh router; repeatable: the next one is tried if it is missing.  "
+        "[default: tcp/127.0.0.1:7447]",
+    ),
+    click.option(
+        "--listen",
+        multiple=True,
+        metavar="ENDPOINT",
+        help="Be a Zenoh router at this address, such as tcp/127.0.0.1:7447; repeatable.",
+    ),
+    click.option(
+        "--config",
+        type=click.Path(),
+        metavar="FILE",
+        help="Take the connection from this file of Zenoh's configuration.",
+    ),
+)
+
+
+def network_options(function: Any) -> Any:
+    """Add the options of `connected`."""
+    for option in reversed(_OPTIONS):
+        function = option(function)
+    return function
+
+
+@contextmanager
+def connected(
+    connect: tuple[str, ...], listen: tuple[str, ...], config: str | None
+) -> Iterator[Session]:
+    """Give the connection that the options say."""
+    from tfdb.net import Session  # noqa: PLC0415 - Zenoh is an extra
+
+    with Session(connect=connect, listen=listen, config=config) as session:
+        yield session
+
+
+def follow_events(command: str, what: Home | Mirror, *, as_json: bool) -> None:
+    """Print events until Ctrl-C, or until it has ended. Raises the error that ended it."""
+    with suppress(KeyboardInterrupt):  # the usual end
+        for event in what.events():
+            _show(command, event, as_json=as_json)
+    if what.error is not None:
+        raise what.error
+
+
+def _show(command: str, event: Event, *, as_json: bool) -> None:
+    if as_json:
+        body = {"name": event.name, "event": event.kind, "text": event.text, "time_ns": event.time}
+        output.emit_json_line(command, body)
+        sys.stdout.flush()
+        return
+    output.say(layout.wrap(layout.words(str(event), event.name)))

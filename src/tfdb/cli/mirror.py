@@ -1,0 +1,86 @@
+"""``tfdb mirror``: the commits of a home on another machine, into a shared store."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import click
+
+from tfdb.data.counting import counted
+
+from . import common, layout, output
+from .connecting import connected, follow_events, network_options
+from .filling import history_option, into_option, open_store
+from .graph import STORE
+from .groups import SuggestingCommand
+
+if TYPE_CHECKING:
+    from tfdb.net import Mirror
+
+
+@click.command("mirror", cls=SuggestingCommand)
+@click.argument("name", metavar="NAME")
+@into_option
+@click.option(
+    "--prefix", default="", metavar="TEXT", help="Put this before the name of each frame."
+)
+@click.option(
+    "--shared",
+    multiple=True,
+    metavar="FRAME",
+    help="Leave this frame's name without the prefix; repeatable.",
+)
+@history_option
+@network_options
+@common.json_lines_option
+def command(
+    *,
+    name: str,
+    into: str,
+    prefix: str,
+    shared: tuple[str, ...],
+    history: int | None,
+    connect: tuple[str, ...],
+    listen: tuple[str, ...],
+    config: str | None,
+    as_json: bool,
+) -> None:
+    """Follow the store of another machine into a shared store, until Ctrl-C.
+
+    Example: tfdb mirror robot1 --into fleet --prefix robot1/ --shared map
+
+    NAME is that of 'tfdb publish' on the other machine, the home. While it is gone the store stays as it is. The
+    store stays when the command ends, and goes on from there when it is run again.
+
+    Exit code: 0 by Ctrl-C, 1 if the home was gone then, 2 on an error.
+    """
+    from tfdb.net import mirror  # noqa: PLC0415 - Zenoh is an extra
+
+    began = time.monotonic()
+    store = into.removeprefix(STORE)
+    with connected(connect, listen, config) as session:
+        buffer = open_store(store, history)
+        with mirror(name, into=buffer, prefix=prefix, shared=shared, session=session) as following:
+            if not as_json:
+                text = f"{name} into shm:{store}; Ctrl-C ends it"
+                output.say(layout.wrap(layout.words(text, name)))
+            follow_events("mirror", following, as_json=as_json)
+            state = following.state
+    _show_end(following, store, state, began, as_json=as_json)
+    if state in ("absent", "stale"):
+        click.get_current_context().exit(1)
+
+
+def _show_end(mirror: Mirror, store: str, state: str, began: float, *, as_json: bool) -> None:
+    stats = mirror.stats
+    position = mirror.position
+    commit = 0 if position is None else position.commit
+    if as_json:
+        body = {"name": mirror.name, "store": store, "state": state, "commit": commit}
+        seconds = round(time.monotonic() - began, 3)
+        output.emit_json_line("mirror", {**body, **stats._asdict(), "seconds": seconds})
+        return
+    text = f"commit {commit}: {counted(stats.commits, 'commit')}, {counted(stats.states, 'state')}"
+    text += f", {counted(stats.questions, 'question')}, {stats.bytes / 1e6:,.1f} MB"
+    output.say(layout.wrap(layout.words(text)))

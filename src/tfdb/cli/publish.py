@@ -1,0 +1,99 @@
+"""``tfdb publish``: the commits of a store for other machines."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import click
+
+from tfdb.data.counting import counted
+
+from . import common, layout, output
+from .connecting import connected, follow_events, network_options
+from .graph import STORE
+from .groups import SuggestingCommand
+from .times import NS, duration_option
+
+if TYPE_CHECKING:
+    from tfdb import Buffer
+    from tfdb.net import Home
+
+
+@click.command("publish", cls=SuggestingCommand)
+@click.argument("source", metavar="STORE|FILE")
+@click.option("--as", "name", required=True, metavar="NAME", help="Name of the namespace.")
+@click.option(
+    "--max-delay",
+    metavar="SECONDS",
+    default="0.002",
+    show_default=True,
+    callback=duration_option,
+    help="Let a commit wait this long for later ones, to be sent with them.",
+)
+@click.option(
+    "--take-over",
+    is_flag=True,
+    help="Publish also if the namespace has a home, which then stops.",
+)
+@network_options
+@common.json_lines_option
+def command(
+    *,
+    source: str,
+    name: str,
+    max_delay: int,
+    take_over: bool,
+    connect: tuple[str, ...],
+    listen: tuple[str, ...],
+    config: str | None,
+    as_json: bool,
+) -> None:
+    """Publish a shared store or a file for other machines, until Ctrl-C.
+
+    Example: tfdb publish shm:robot1 --as robot1 --listen tcp/127.0.0.1:7447
+
+    'tfdb mirror NAME' on another machine follows them. A FILE, recording or frozen store, is
+    published as it is.
+
+    Exit code: 0 by Ctrl-C, 1 if a later home took over, 2 on an error.
+    """
+    from tfdb.net import publish  # noqa: PLC0415 - Zenoh is an extra
+
+    began = time.monotonic()
+    store = _open(source)
+    with (
+        connected(connect, listen, config) as session,
+        publish(
+            store, name, session=session, max_delay=max_delay / NS, take_over=take_over
+        ) as home,
+    ):
+        if not as_json:
+            text = f"{source} as {name}; Ctrl-C ends it"
+            output.say(layout.wrap(layout.words(text, source, name)))
+        follow_events("publish", home, as_json=as_json)
+        state = home.state
+    _show_end(home, source, state, began, as_json=as_json)
+    if state == "fenced":
+        click.get_current_context().exit(1)
+
+
+def _open(source: str) -> Buffer:
+    if source.startswith(STORE):
+        return common.open_live(source)
+    loaded = common.load([source]).store
+    if not hasattr(loaded, "commits_bytes"):
+        raise click.UsageError(f"{source} cannot be published: give shm:NAME or a file")
+    return loaded  # type: ignore[return-value]
+
+
+def _show_end(home: Home, source: str, state: str, began: float, *, as_json: bool) -> None:
+    stats = home.stats
+    seconds = round(time.monotonic() - began, 3)
+    if as_json:
+        body = {"source": source, "name": home.name, "state": state, **stats._asdict()}
+        output.emit_json_line("publish", {**body, "seconds": seconds})
+        return
+    text = f"{counted(stats.commits, 'commit')} in {counted(stats.messages, 'message')}"
+    text += f", {stats.bytes / 1e6:,.1f} MB, {counted(stats.answers, 'answer')}"
+    output.say(layout.wrap(layout.words(text)))

@@ -1,0 +1,149 @@
+"""What happens to homes and mirrors, for programs."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from tfdb.data.errors import StreamClosed
+from tfdb.streams.reader import Reader, deadline
+
+if TYPE_CHECKING:
+    from tfdb.data.types import Epoch
+
+LOGGER = logging.getLogger("tfdb.net")
+_KEPT = 1000
+_LOUD = ("rewound", "refused", "fenced", "lapped", "ended")
+
+Kind = Literal[
+    "absent", "catching up", "live", "stale", "rewound", "refused", "fenced", "lapped", "ended"
+]
+
+
+class Event(NamedTuple):
+    """Something that happened to a home or a mirror.
+
+    `kind` is a new state of a mirror (`absent`, `catching up`, `live`, `stale`), or one of:
+    `rewound` (a mirror went from `before` to `after`, a state that need not contain `before`),
+    `refused` (something that was received cannot be stored), `fenced` (a home found a later one,
+    and stopped), `lapped` (a home sends a state, for its feed had overrun it), `ended` (by an
+    error).
+    """
+
+    time: int
+    """When, nanoseconds since 1970."""
+    name: str
+    """The namespace."""
+    kind: Kind
+    """What happened."""
+    text: str
+    """A sentence about it."""
+    before: tuple[Epoch, int] | None = None
+    """Rewound: where the mirror was. Fenced: the last commit that both homes have, if known."""
+    after: tuple[Epoch, int] | None = None
+    """Rewound: where it is now. Fenced: the last commit of the home that stopped."""
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.kind}: {self.text}"
+
+
+class EventLog:
+    """The last events of one home or mirror, and who reads them. Threads: any."""
+
+    def __init__(self, name: str) -> None:
+        self.name: str = name
+        self.changed: threading.Condition = threading.Condition()
+        self.closed: bool = False
+        self._events: deque[Event] = deque(maxlen=_KEPT)
+        self._count = 0
+
+    def add(
+        self,
+        kind: Kind,
+        text: str,
+        before: tuple[Epoch, int] | None = None,
+        after: tuple[Epoch, int] | None = None,
+    ) -> None:
+        """Note an event, and log it."""
+        event = Event(time.time_ns(), self.name, kind, text, before, after)
+        LOGGER.log(logging.WARNING if kind in _LOUD else logging.INFO, "%s", event)
+        with self.changed:
+            self._events.append(event)
+            self._count += 1
+            self.changed.notify_all()
+
+    def close(self) -> None:
+        """End the reads once all events were read."""
+        with self.changed:
+            self.closed = True
+            self.changed.notify_all()
+
+    def after(self, number: int) -> tuple[int, Event | None]:
+        """Return the first kept event behind the first `number`, and how many it makes."""
+        begin = max(number, self._count - len(self._events))
+        if begin == self._count:
+            return begin, None
+        return begin + 1, self._events[begin - self._count]
+
+
+class NetEvents(Reader[Event]):
+    """The events of a home or a mirror, each once, from the oldest of the last 1,000.
+
+    `events()` of either makes it. Iterate over it, by `for` or `async for`, or call `read_next`. It
+    ends when it, or the home or mirror, is closed.
+    """
+
+    def __init__(self, log: EventLog) -> None:
+        self._log, self._read, self._closed = log, 0, False
+
+    def read_next(self, timeout: float | None = 0) -> Event | None:
+        """Read the next event.
+
+        Parameters
+        ----------
+        timeout
+            Seconds to wait for it; 0: do not wait; None: for ever.
+
+        Returns
+        -------
+        Event or None
+            None: it is not there yet.
+
+        Raises
+        ------
+        StreamClosed
+            It is closed, or its home or mirror is and all events were read.
+        """
+        until = deadline(timeout)
+        with self._log.changed:
+            while True:
+                if self._closed:
+                    raise StreamClosed("the stream of events is closed: call events() again")
+                self._read, event = self._log.after(self._read)
+                if event is not None:
+                    return event
+                if self._log.closed:
+                    raise StreamClosed(f"{self._log.name} is closed: it has no more events")
+                left = None if until is None else until - time.monotonic()
+                if left is not None and left <= 0:
+                    return None
+                self._log.changed.wait(left)
+
+    def close(self) -> None:
+        """End the reads in all threads. A second call does nothing."""
+        with self._log.changed:
+            self._closed = True
+            self._log.changed.notify_all()
+
+    async def __anext__(self) -> Event:
+        while True:
+            try:
+                event = await asyncio.to_thread(self.read_next, 1.0)
+            except StreamClosed:
+                raise StopAsyncIteration from None
+            if event is not None:
+                return event

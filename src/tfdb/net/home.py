@@ -1,0 +1,372 @@
+"""A store that is published: one thread sends its commits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple
+
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.argument_checks import check_flag, refuse_without
+from tfdb.data.errors import (
+    CorruptMessage,
+    FeedLapped,
+    NotSupported,
+    StoreExists,
+    TfdbError,
+    WatchClosed,
+)
+
+from .events import EventLog, NetEvents
+from .link import Token, check_network_name
+from .messages import NONE, Head, message_of
+from .sending import Sender, epoch_for
+
+if TYPE_CHECKING:
+    from types import TracebackType
+    from typing import Literal, Self
+
+    from tfdb._core import Buffer, Watch
+    from tfdb.data.types import Epoch
+
+    from .link import Declared, Link
+    from .messages import Question
+    from .session import Session
+
+_HEADS = 0.5
+"""Seconds between two heads."""
+_LOOK = 0.01
+"""Seconds between two looks where this process may not wait for commits."""
+_LAST_WORD = 2.0
+"""Seconds in which a home that stops waits to hear where the later one began."""
+
+
+class HomeStats(NamedTuple):
+    """What a home has done."""
+
+    commits: int
+    """Commits that were sent."""
+    messages: int
+    """Messages in which they were, without heads."""
+    bytes: int
+    """Bytes of these."""
+    answers: int
+    """Questions of mirrors that were answered."""
+    failed_answers: int
+    """Questions that could not be answered; the mirrors ask again."""
+    lapped: int
+    """Commits that mirrors learn by a state: they came faster than they are sent."""
+
+
+class Home:
+    """A namespace's home: the one store whose commits the mirrors apply. `publish` makes it.
+
+    Use it in a `with` block, or call `close`.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        name: str,
+        link: Link,
+        epoch: Epoch,
+        *,
+        max_delay: float = 0.0,
+        previous: Epoch = NONE,
+        fork: int = 0,
+        owned: Link | None = None,
+    ) -> None:
+        self._buffer, self._name, self._link, self._owned = buffer, name, link, owned
+        self._delay = max_delay
+        self._log = EventLog(name)
+        self._sender = Sender(buffer, epoch, previous, fork)
+        self._state: Literal["publishing", "fenced", "ended", "closed"] = "publishing"
+        self._error: BaseException | None = None
+        self._commits = self._messages = self._bytes = self._answers = self._failed = 0
+        self._closing = threading.Event()
+        self._lock = threading.Lock()
+        self._later: Epoch | None = None
+        self._watch: Watch | None = None
+        with suppress(NotSupported):  # then it looks again and again
+            self._watch = buffer.watch((), every=True)
+        self._declared: list[Declared] = []
+        self._send, publisher = link.send(name)
+        try:
+            self._declared.append(publisher)
+            self._declared.append(link.serve(name, self._answer))
+            self._declared.append(link.watch(name, self._see))
+            self._declared.append(link.announce(name, Token("home", epoch)))
+        except BaseException:
+            self._leave()
+            raise
+        self._thread = threading.Thread(target=self._run, name=f"tfdb home {name}", daemon=True)
+        self._thread.start()
+
+    @property
+    def name(self) -> str:
+        """The namespace."""
+        return self._name
+
+    @property
+    def epoch(self) -> Epoch:
+        """The epoch of its commits."""
+        return self._sender.epoch
+
+    @property
+    def commit(self) -> int:
+        """The last commit that was sent, or was there before."""
+        return self._sender.commit
+
+    @property
+    def state(self) -> Literal["publishing", "fenced", "ended", "closed"]:
+        """`publishing`; `fenced` (a later home is there); `ended` (by an error); `closed`."""
+        return self._state
+
+    @property
+    def error(self) -> BaseException | None:
+        """The error that ended it."""
+        return self._error
+
+    @property
+    def stats(self) -> HomeStats:
+        """What it has done."""
+        return HomeStats(
+            self._commits,
+            self._messages,
+            self._bytes,
+            self._answers,
+            self._failed,
+            self._sender.lapped,
+        )
+
+    def events(self) -> NetEvents:
+        """Return a stream of what happens to it, from the oldest of the last 1,000 events."""
+        return NetEvents(self._log)
+
+    def close(self) -> None:
+        """Send the commits that were made before, and stop. A second call does nothing."""
+        self._closing.set()
+        if self._watch is not None:
+            self._watch.close()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+        if self._state == "publishing":
+            self._state = "closed"
+        self._log.close()
+        if self._owned is not None:
+            self._owned.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # -- its thread --------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._publish()
+            if self._later is not None:
+                self._step_down(self._later)
+        except Exception as error:  # `error` has it
+            self._error, self._state = error, "ended"
+            self._log.add("ended", f"{type(error).__name__}: {error}")
+        finally:
+            self._leave()
+            if self._state != "publishing":
+                self._log.close()
+
+    def _publish(self) -> None:
+        due = 0.0
+        while self._later is None:
+            ending = self._closing.is_set()
+            sent = self._send_all()
+            if sent or time.monotonic() >= due:
+                if time.monotonic() >= due:
+                    self._send(self._sender.head())
+                    due = time.monotonic() + _HEADS
+                if sent and self._delay:
+                    self._closing.wait(self._delay)
+            if ending:
+                return
+            self._wait(due)
+
+    def _send_all(self) -> int:
+        sent = 0
+        while self._later is None:
+            before, lapped = self._sender.commit, self._sender.lapped
+            message = self._sender.next()
+            if message is None:
+                break
+            if self._sender.lapped > lapped:
+                count = self._sender.lapped - lapped
+                self._log.add("lapped", f"{count} commits came faster than they are sent")
+            else:
+                self._commits += self._sender.commit - before
+                self._messages += 1
+                self._bytes += len(message)
+            self._send(message)
+            sent += 1
+        return sent
+
+    def _wait(self, until: float) -> None:
+        """Wait for a commit."""
+        left = max(until - time.monotonic(), 0.0)
+        if self._watch is None:
+            self._closing.wait(min(left, _LOOK))
+            return
+        with suppress(FeedLapped, WatchClosed):  # the next message goes on from there
+            self._watch.next(self._sender.commit, left, limit=1)
+
+    def _step_down(self, later: Epoch) -> None:
+        """Another home is there: note which commits it lacks."""
+        self._state = "fenced"
+        heard: list[Head] = []
+        came = threading.Event()
+
+        def take(data: bytes) -> None:
+            with suppress(CorruptMessage):
+                message = message_of(data)
+                if isinstance(message, Head) and message.epoch == later:
+                    heard.append(message)
+                    came.set()
+
+        hearing = self._link.hear(self._name, take)
+        came.wait(_LAST_WORD)
+        hearing.undeclare()
+        after = self.epoch, self._buffer.commit
+        text = f"a later home is there ({later.number}): this one stopped at commit {after[1]}"
+        if heard and heard[0].previous == self.epoch:
+            fork = heard[0].fork
+            text += f"; the commits after {fork} are in this store alone"
+            self._log.add("fenced", text, (self.epoch, fork), after)
+        else:
+            self._log.add("fenced", text, None, after)
+
+    def _leave(self) -> None:
+        for each in reversed(self._declared):
+            each.undeclare()
+        self._declared.clear()
+        self._sender.close()
+        if self._watch is not None:
+            self._watch.close()
+
+    # -- threads of the link -----------------------------------------------------------------------
+
+    def _see(self, token: Token, alive: bool) -> None:
+        if alive and token.role == "home":
+            self._meet(token.epoch)
+
+    def _meet(self, epoch: Epoch) -> None:
+        """Stop if an epoch is later."""
+        if epoch > self.epoch and self._later is None:
+            self._later = epoch
+            if self._watch is not None:
+                self._watch.close()
+
+    def _answer(self, question: Question) -> list[bytes]:
+        self._meet(question.epoch)
+        if self._state != "publishing" or self._later is not None:
+            return []
+        try:
+            messages = self._sender.answer(question)
+        except TfdbError:  # such as SnapshotTooOld; the mirror asks again
+            with self._lock:
+                self._failed += 1
+            return []
+        with self._lock:
+            self._answers += 1
+        return messages
+
+
+def publish(
+    buffer: Buffer,
+    name: str,
+    *,
+    session: Session | None = None,
+    max_delay: float = 0.002,
+    take_over: bool = False,
+) -> Home:
+    """Publish the commits of a store: mirrors in other processes and machines apply them.
+
+    ```python
+    with tfdb.net.publish(buf, "robot1"):
+        ...
+    ```
+
+    Parameters
+    ----------
+    buffer
+        The store, also one that other processes share, or a frozen one.
+    name
+        The namespace: letters, digits, `_`, `-`, `.` and `/`. It has one home at a time.
+    session
+        The connection. None: one to the router at tcp/127.0.0.1:7447, closed with the home.
+    max_delay
+        Seconds that a commit may wait for later ones, to be sent with them. 0: none waits. A
+        commit after a pause never waits.
+    take_over
+        Publish also if the namespace has a home, which then stops.
+
+    Returns
+    -------
+    Home
+        A context manager.
+
+    Raises
+    ------
+    StoreExists
+        The namespace has a home, and `take_over` is off.
+    InvalidName
+        No namespace can have the name.
+    InvalidArgument, TypeError
+        A value that a parameter does not take.
+    NotSupported
+        PyPI's eclipse-zenoh is not installed, or the buffer's engine keeps no feed.
+    ConnectionError
+        No router answers.
+    """
+    refuse_without(buffer, "buffer", "a Buffer", "commits_bytes", "snapshot")
+    name = check_network_name(name)
+    delay = duration_to_nanoseconds(max_delay, "max_delay") / 1e9
+    take_over = check_flag("take_over", take_over)
+    buffer.commits_bytes(buffer.commit)  # refuses an engine without a feed
+    link, owned = open_link(session)
+    try:
+        seen = _seen(link, name, take_over=take_over)
+        epoch = epoch_for(buffer, name, seen)
+        return Home(buffer, name, link, epoch, max_delay=delay, owned=owned)
+    except BaseException:
+        if owned is not None:
+            owned.close()
+        raise
+
+
+def _seen(link: Link, name: str, *, take_over: bool) -> list[Epoch]:
+    """Return the epochs of homes and mirrors. Refuses a namespace that has a home."""
+    tokens = link.tokens(name)
+    homes = [each.epoch for each in tokens if each.role == "home"]
+    if homes and not take_over:
+        text = f"{name!r} has a home, of epoch {max(homes).number}: close it, or pass "
+        text += "take_over=True (--take-over)"
+        raise StoreExists(text, path=name, reason="it has a home")
+    return [each.epoch for each in tokens]
+
+
+def open_link(session: Session | None) -> tuple[Link, Link | None]:
+    """Return the link of a session, or of a new one, and what is to be closed of it."""
+    from .session import Session  # noqa: PLC0415 - Zenoh is an extra
+
+    if session is None:
+        made = Session().link
+        return made, made
+    if not isinstance(session, Session):
+        raise TypeError(f"session is a tfdb.net.Session, got {type(session).__name__}")
+    return session.link, None

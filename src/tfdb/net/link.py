@@ -1,0 +1,108 @@
+"""What homes and mirrors need of a network, and the names of it."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+
+from tfdb.data.errors import InvalidName
+from tfdb.data.stamps import shown
+
+from .messages import epoch_of_text, epoch_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.data.types import Epoch
+
+    from .messages import Question
+
+_NAME = re.compile(r"[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*")
+_MOST = 255
+_ROOT = "tfdb/1"
+
+
+class Token(NamedTuple):
+    """Says that a home, or a mirror that knows an epoch, is alive."""
+
+    role: Literal["home", "mirror"]
+    epoch: Epoch
+
+    def key(self, name: str, owner: str) -> str:
+        """Return its key. `owner` tells mirrors apart; an epoch has one home."""
+        number, ident = epoch_text(self.epoch).split("-")
+        behind = f"/{owner}" if self.role == "mirror" else ""
+        return f"{_ROOT}/{name}/@{self.role}/{number}/{ident}{behind}"
+
+
+def token_of(key: str) -> Token:
+    """Read the key of a token. Raises ValueError for what is none."""
+    _, _, rest = key.rpartition("/@")
+    role, *numbers = rest.split("/")
+    if len(numbers) != {"home": 2, "mirror": 3}.get(role):
+        raise ValueError(f"{key!r} is not the key of a home or a mirror")
+    return Token("home" if role == "home" else "mirror", epoch_of_text("-".join(numbers[:2])))
+
+
+def log_key(name: str) -> str:
+    """Return the key on which a home sends its commits."""
+    return f"{_ROOT}/{name}/log"
+
+
+def ask_key(name: str, *, state: bool) -> str:
+    """Return the key on which a home is asked."""
+    return f"{_ROOT}/{name}/{'state' if state else 'feed'}"
+
+
+def tokens_key(name: str, role: Literal["home", "mirror"]) -> str:
+    """Return the key that all tokens of a role match."""
+    return f"{_ROOT}/{name}/@{role}/**"
+
+
+def check_network_name(name: Any) -> str:
+    """Return the name of a namespace. Raises InvalidName."""
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or len(name) > _MOST:
+        text = f"{shown(name)} is not the name of a namespace: it has up to {_MOST} letters, "
+        text += "digits, _ - . and single / between, such as robot1 or site2/robot1"
+        raise InvalidName(text, value=name)
+    return name
+
+
+class Declared(Protocol):
+    """Something that lasts until it is undeclared."""
+
+    def undeclare(self) -> None:
+        """End it: nothing is called afterwards, except what has begun."""
+
+
+class Link(Protocol):
+    """A network. Threads: any. What it calls is called by threads of its own, and must not wait."""
+
+    def send(self, name: str) -> tuple[Callable[[bytes], None], Declared]:
+        """Return the function that sends a message of the log. It never waits: it may lose some."""
+
+    def hear(self, name: str, take: Callable[[bytes], None]) -> Declared:
+        """Call `take` with each message of the log."""
+
+    def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
+        """Answer questions; `answer` may wait."""
+
+    def ask(
+        self,
+        name: str,
+        question: Question,
+        done: Callable[[list[bytes]], None],
+    ) -> None:
+        """Ask all homes; `done` is called once, with what came of all of them."""
+
+    def announce(self, name: str, token: Token) -> Declared:
+        """Let others see a token until it is undeclared, or this process ends."""
+
+    def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
+        """Call `take` with each home's token, also those that are there: whether it is alive."""
+
+    def tokens(self, name: str) -> list[Token]:
+        """Return the tokens that are there, of homes and mirrors."""
+
+    def close(self) -> None:
+        """End it."""

@@ -1,0 +1,195 @@
+"""What homes and mirrors send each other, as bytes: docs/wire.md."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from tfdb._core import crc32c
+from tfdb.data.errors import CorruptMessage
+from tfdb.data.sample_heads import numbers_of
+from tfdb.data.types import Epoch
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+COMMITS, STATE, HEAD, PART = 1, 2, 3, 4
+LIMIT = 1 << 20
+"""A message of commits, or a part of a state, has about so many bytes at most."""
+MOST_PARTS = 4096
+MOST_NUMBER = 1 << 63
+"""Numbers of epochs are below: each has a greater one."""
+_MOST_COMMIT = 1 << 44
+_FRONT = struct.Struct("<4sBBHQ16s")
+_HEAD = struct.Struct("<QQ16sQ")
+_PART = struct.Struct("<QII")
+_SUM = struct.Struct("<I")
+_LEAST = _FRONT.size + 8
+NONE = Epoch(0, bytes(16))
+"""The epoch before a home that goes on from none."""
+
+
+class Commits(NamedTuple):
+    """Commits for `apply`."""
+
+    epoch: Epoch
+    since: int
+    last: int
+    data: bytes
+
+
+class State(NamedTuple):
+    """A state for `apply`."""
+
+    epoch: Epoch
+    commit: int
+    data: bytes
+
+
+class Head(NamedTuple):
+    """What a home says of itself."""
+
+    epoch: Epoch
+    commit: int
+    """The last commit that it has sent."""
+    previous: Epoch
+    """The epoch from whose commit `fork` it went on, or `NONE`."""
+    fork: int
+
+
+class Part(NamedTuple):
+    """A piece of a state."""
+
+    epoch: Epoch
+    commit: int
+    place: int
+    """Which it is, from 0."""
+    parts: int
+    """How many the state has."""
+    data: bytes
+
+
+Message: TypeAlias = "Commits | State | Head | Part"
+
+
+class Question(NamedTuple):
+    """A mirror asks its home."""
+
+    epoch: Epoch
+    """The latest that it knows."""
+    since: int | None
+    """It wants the commits after this one. None: a state."""
+
+    def __str__(self) -> str:
+        text = f"epoch={epoch_text(self.epoch)}"
+        return text if self.since is None else f"since={self.since};{text}"
+
+
+def question_of(since: str | None, epoch: str | None) -> Question:
+    """Read a question. Raises ValueError for what is none."""
+    if since is not None and not (since.isascii() and since.isdecimal() and len(since) < 16):
+        raise ValueError(f"since={since!r} is not the number of a commit")
+    return Question(epoch_of_text(epoch or ""), None if since is None else int(since))
+
+
+def epoch_text(epoch: Epoch) -> str:
+    """Write an epoch as in keys: NUMBER-ID."""
+    return f"{epoch.number}-{epoch.id.hex()}"
+
+
+def epoch_of_text(text: str) -> Epoch:
+    """Read an epoch of keys. Raises ValueError."""
+    number, _, ident = text.partition("-")
+    if not (number.isascii() and number.isdecimal() and len(number) < 20 and len(ident) == 32):
+        raise ValueError(f"{text!r} is not an epoch NUMBER-ID")
+    return _checked(Epoch(int(number), bytes.fromhex(ident)))
+
+
+def _checked(epoch: Epoch) -> Epoch:
+    if epoch.number >= MOST_NUMBER:
+        raise ValueError(f"the number of an epoch is {epoch.number}: it must be below 2^63")
+    return epoch
+
+
+def head_bytes(head: Head) -> bytes:
+    """Write what a home says of itself."""
+    before = head.previous
+    return _sealed(HEAD, head.epoch, _HEAD.pack(head.commit, before.number, before.id, head.fork))
+
+
+def state_messages(epoch: Epoch, commit: int, state: bytes, limit: int = LIMIT) -> list[bytes]:
+    """Return a state as one message, or as parts of `limit` bytes each."""
+    if len(state) <= limit:
+        return [state]
+    pieces = [state[at : at + limit] for at in range(0, len(state), limit)]
+    return [
+        _sealed(PART, epoch, _PART.pack(commit, index, len(pieces)) + piece)
+        for index, piece in enumerate(pieces)
+    ]
+
+
+def in_epoch(sample: bytes, epoch: Epoch) -> bytes:
+    """Return commits or a state with another epoch."""
+    front = sample[:8] + epoch.number.to_bytes(8, "little") + epoch.id
+    return _with_sum(front + memoryview(sample)[32:-4])
+
+
+def _sealed(kind: int, epoch: Epoch, body: bytes) -> bytes:
+    return _with_sum(_FRONT.pack(b"TFDB", 0, kind, 0, epoch.number, epoch.id) + body)
+
+
+def _with_sum(data: bytes) -> bytes:
+    return data + _SUM.pack(crc32c(data))
+
+
+def message_of(data: bytes) -> Message:
+    """Read a message. Raises CorruptMessage; commits and states are judged further by `apply`."""
+    if len(data) < _LEAST:
+        raise _corrupt(len(data), "it is cut short")
+    magic, version, kind, flags, number, ident = _FRONT.unpack_from(data)
+    if magic != b"TFDB":
+        raise _corrupt(0, "it does not begin with TFDB")
+    if version != 0:
+        raise _corrupt(4, f"version {version}: this program reads version 0")
+    if flags or not COMMITS <= kind <= PART:
+        raise _corrupt(5, f"unknown kind {kind}, flags {flags}")
+    if _SUM.unpack_from(data, len(data) - 4)[0] != crc32c(memoryview(data)[:-4]):
+        raise _corrupt(len(data) - 4, "the checksum is wrong")
+    try:
+        epoch = _checked(Epoch(number, ident))
+        if kind == COMMITS:
+            return Commits(epoch, *_numbers(data), data)
+        if kind == STATE:
+            return State(epoch, _numbers(data)[0], data)
+        return (_head if kind == HEAD else _part)(epoch, data)
+    except (ValueError, IndexError, struct.error) as error:
+        raise _corrupt(_FRONT.size, str(error)) from None
+
+
+def _numbers(data: bytes) -> tuple[int, int]:
+    since, last = numbers_of(data)
+    if last >= _MOST_COMMIT:
+        raise ValueError(f"commit {last} is beyond 2^44")
+    return since, last
+
+
+def _head(epoch: Epoch, data: bytes) -> Head:
+    if len(data) != _FRONT.size + _HEAD.size + 4:
+        raise ValueError("a head has another size")
+    commit, number, ident, fork = _HEAD.unpack_from(data, _FRONT.size)
+    if max(commit, fork) >= _MOST_COMMIT:
+        raise ValueError("a commit is beyond 2^44")
+    return Head(epoch, commit, _checked(Epoch(number, ident)), fork)
+
+
+def _part(epoch: Epoch, data: bytes) -> Part:
+    commit, place, parts = _PART.unpack_from(data, _FRONT.size)
+    piece = data[_FRONT.size + _PART.size : -4]
+    if not place < parts <= MOST_PARTS or not 0 < len(piece) <= LIMIT or commit >= _MOST_COMMIT:
+        raise ValueError(f"part {place} of {parts}, of {len(piece)} bytes, is not valid")
+    return Part(epoch, commit, place, parts, piece)
+
+
+def _corrupt(offset: int, reason: str) -> CorruptMessage:
+    fields: dict[str, Any] = {"offset": offset, "reason": reason}
+    return CorruptMessage(f"corrupt message at byte {offset}: {reason}", **fields)

@@ -1,0 +1,428 @@
+"""A copy of a store of another process or machine, which follows its commits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, NamedTuple
+
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.argument_checks import check_flag, check_name, refuse_without
+from tfdb.data.errors import InvalidArgument, WaitTimeout
+
+from .events import EventLog, NetEvents
+from .home import Home, open_link
+from .link import Token, check_network_name
+from .messages import NONE
+from .receiving import Receiver
+from .sending import epoch_after
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from types import TracebackType
+    from typing import Literal, Self
+
+    from tfdb._core import Buffer
+    from tfdb.data.types import Epoch, Position
+
+    from .link import Declared, Link
+    from .session import Session
+
+_MOST_WAITING = 1024
+"""So many messages wait while a state is applied; beyond, the oldest are lost and asked for."""
+_SOON = 0.01
+"""Seconds: what is due so soon wakes the thread."""
+
+
+class MirrorStats(NamedTuple):
+    """What a mirror has done."""
+
+    commits: int
+    """Commits that were applied one by one."""
+    states: int
+    """Whole states that were applied."""
+    questions: int
+    """How often it asked the home, for commits or a state."""
+    lag: int
+    """How many commits the home has, as far as it is known, and the mirror lacks."""
+    refused: int
+    """Messages that were damaged or could not be stored."""
+    outdated: int
+    """Messages of earlier homes, which were left out."""
+    bytes: int
+    """Bytes of all messages."""
+
+
+class Mirror:
+    """A copy of a namespace's home. `mirror` makes it.
+
+    Use it in a `with` block, or call `close`. The store can be read at any time: each state of it
+    is one that a home had.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        name: str,
+        link: Link,
+        *,
+        prefix: str = "",
+        shared: Iterable[str] = (),
+        owned: Link | None = None,
+    ) -> None:
+        self._buffer, self._name, self._link, self._owned = buffer, name, link, owned
+        names = list(shared)
+        self._is_whole = not prefix and not names
+        self._log = EventLog(name)
+        self._receiver = Receiver(buffer, name, prefix, names, self._log)
+        self._error: BaseException | None = None
+        self._was_live = False
+        self._closing, self._wake = threading.Event(), threading.Event()
+        self._changed = threading.Condition()
+        # Threads of the link append; who has the lock feeds the receiver.
+        self._lock = threading.Lock()
+        self._inbox: deque[bytes] = deque(maxlen=_MOST_WAITING)
+        self._answers: deque[list[bytes]] = deque()
+        self._tokens: deque[tuple[Token, bool]] = deque()
+        self._token: Declared | None = None
+        self._announced: Epoch = NONE
+        self._declared: list[Declared] = []
+        try:
+            self._declared.append(link.hear(name, self._hear))
+            self._declared.append(link.watch(name, self._see))
+        except BaseException:
+            self._leave()
+            raise
+        self._thread = threading.Thread(target=self._run, name=f"tfdb mirror {name}", daemon=True)
+        self._thread.start()
+
+    @property
+    def name(self) -> str:
+        """The namespace."""
+        return self._name
+
+    @property
+    def position(self) -> Position | None:
+        """How far the home's commits are applied. None: nothing came yet."""
+        return self._receiver.position
+
+    @property
+    def state(self) -> Literal["absent", "catching up", "live", "stale", "ended", "closed"]:
+        """What its store is worth.
+
+        `absent`: no home was found. `catching up`: commits are missing, and asked for. `live`: it
+        has all that the home has sent. `stale`: the home is gone. `ended`: by an error. `closed`.
+        """
+        if self._error is not None:
+            return "ended"
+        return "closed" if self._closing.is_set() else self._receiver.state  # type: ignore[return-value]
+
+    @property
+    def silence(self) -> float | None:
+        """For how many seconds nothing was heard of the home, if the state is `stale`."""
+        since = self._receiver.since
+        return None if since is None else time.monotonic() - since
+
+    @property
+    def error(self) -> BaseException | None:
+        """The error that ended it."""
+        return self._error
+
+    @property
+    def stats(self) -> MirrorStats:
+        """What it has done."""
+        each = self._receiver
+        position = each.position
+        is_known = position is not None and position.epoch == each.known
+        lag = each.newest - (position.commit if position is not None and is_known else 0)
+        return MirrorStats(
+            each.commits,
+            each.states,
+            each.questions,
+            max(lag, 0),
+            each.refused,
+            each.outdated,
+            each.bytes,
+        )
+
+    def events(self) -> NetEvents:
+        """Return a stream of what happens to it, from the oldest of the last 1,000 events."""
+        return NetEvents(self._log)
+
+    def wait_until_live(self, timeout: float | None = None) -> None:
+        """Wait until the state is `live`.
+
+        Parameters
+        ----------
+        timeout
+            Seconds, at most; None: for ever.
+
+        Raises
+        ------
+        WaitTimeout
+            It was not at the end of the timeout.
+        InvalidArgument
+            It is closed, or the timeout is not valid.
+        What ended it
+        """
+        left = None if timeout is None else duration_to_nanoseconds(timeout, "timeout") / 1e9
+        ends = ("live", "ended", "closed")
+        with self._changed:
+            self._changed.wait_for(lambda: self.state in ends, left)
+        state = self.state
+        if state == "live":
+            return
+        if self._error is not None:
+            raise self._error
+        if state == "closed":
+            raise InvalidArgument(f"the mirror of {self._name!r} is closed")
+        text = f"the mirror of {self._name!r} is {state}, not live, after {timeout} s"
+        if state == "absent":
+            text += ": check the home's name, and that both reach one router"
+        raise WaitTimeout(text)
+
+    def promote(self, *, force: bool = False, max_delay: float = 0.002) -> Home:
+        """Make this store the home of the namespace, in a new epoch. The mirror is closed.
+
+        The old home stops once it hears of the new one. Until then, in the two halves of a network
+        that was cut, there are two homes. The commits of the old one that this mirror lacks are
+        left out: they are in the old store alone, and its `fenced` event numbers them.
+
+        Parameters
+        ----------
+        force
+            Promote also a mirror that never was live, which may lack anything.
+        max_delay
+            As in `publish`.
+
+        Returns
+        -------
+        Home
+
+        Raises
+        ------
+        InvalidArgument
+            It never was live; it has a prefix or shared frames; its store has other sources; or it
+            is closed.
+        """
+        force = check_flag("force", force)
+        delay = duration_to_nanoseconds(max_delay, "max_delay") / 1e9
+        self._check_promotion(force=force)
+        tokens = self._link.tokens(self._name)
+        self._stop()
+        known = [each.epoch for each in tokens]
+        epoch = epoch_after(max([*known, self._receiver.known]))
+        position = self._receiver.position
+        previous, fork = (NONE, 0) if position is None else (position.epoch, position.commit)
+        owned, self._owned = self._owned, None
+        return Home(
+            self._buffer,
+            self._name,
+            self._link,
+            epoch,
+            max_delay=delay,
+            previous=previous,
+            fork=fork,
+            owned=owned,
+        )
+
+    def _check_promotion(self, *, force: bool) -> None:
+        text = f"the mirror of {self._name!r} cannot be promoted: "
+        if self._closing.is_set() or self._error is not None:
+            raise InvalidArgument(f"{text}it is {self.state}")
+        if not self._is_whole:
+            raise InvalidArgument(f"{text}its frames have other names than the home's")
+        if others := [
+            each.source for each in self._buffer.positions() if each.source != self._name
+        ]:
+            raise InvalidArgument(f"{text}its store is a copy of {others[0]!r} as well")
+        if not self._was_live and not force:
+            text += "it never was live, so that it may lack anything; force=True does it"
+            raise InvalidArgument(text)
+
+    def close(self) -> None:
+        """Stop. The store stays as it is, and a later mirror goes on from there."""
+        self._stop()
+        if self._owned is not None:
+            self._owned.close()
+            self._owned = None
+
+    def _stop(self) -> None:
+        self._closing.set()
+        self._wake.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+        self._log.close()
+        with self._changed:
+            self._changed.notify_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # -- threads of the link -----------------------------------------------------------------------
+
+    def _hear(self, data: bytes) -> None:
+        self._inbox.append(data)
+        # Who has the lock looks at the inbox again after it let go.
+        while self._inbox and self._lock.acquire(blocking=False):
+            try:
+                self._feed()
+            finally:
+                self._lock.release()
+
+    def _see(self, token: Token, alive: bool) -> None:
+        self._tokens.append((token, alive))
+        self._wake.set()
+
+    def _take_answer(self, messages: list[bytes]) -> None:
+        self._answers.append(messages)
+        self._wake.set()
+
+    # -- under the lock ----------------------------------------------------------------------------
+
+    def _feed(self) -> None:
+        """Give the receiver what came. An error ends the mirror."""
+        receiver = self._receiver
+        before = receiver.state
+        try:
+            while self._inbox and self._is_open():
+                receiver.take(self._inbox.popleft(), time.monotonic())
+        except Exception as error:  # `error` has it
+            self._fail(error)
+        if not self._is_open():
+            self._inbox.clear()
+        elif receiver.state != before or receiver.due(time.monotonic()) < _SOON:
+            self._wake.set()
+
+    def _is_open(self) -> bool:
+        return self._error is None and not self._closing.is_set()
+
+    def _fail(self, error: BaseException) -> None:
+        self._error = error
+        self._log.add("ended", f"{type(error).__name__}: {error}")
+        self._wake.set()
+
+    # -- its thread --------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        left = 0.0
+        try:
+            while self._is_open():
+                self._wake.wait(left)
+                self._wake.clear()
+                if self._is_open():
+                    left = self._step()
+        except Exception as error:  # `error` has it
+            self._fail(error)
+        finally:
+            self._leave()
+            self._log.close()
+            with self._changed:
+                self._changed.notify_all()
+
+    def _step(self) -> float:
+        """Take what came and ask what is due; returns how many seconds nothing is to be done."""
+        receiver = self._receiver
+        with self._lock:
+            while self._tokens:
+                token, alive = self._tokens.popleft()
+                told = receiver.find_home if alive else receiver.lose_home
+                told(token.epoch, time.monotonic())
+            while self._answers:
+                for message in self._answers.popleft():
+                    receiver.take(message, time.monotonic())
+                receiver.answered(time.monotonic())
+            self._feed()
+            receiver.tick(time.monotonic())
+            question = receiver.question(time.monotonic())
+            left = receiver.due(time.monotonic())
+            state, known = receiver.state, receiver.known
+        if state == "live":
+            self._was_live = True
+        with self._changed:
+            self._changed.notify_all()
+        if known != self._announced:
+            self._announce(known)
+        if question is not None:
+            self._link.ask(self._name, question, self._take_answer)
+        return left
+
+    def _announce(self, known: Epoch) -> None:
+        """Say which epoch is known, so that a home that comes later begins a later one."""
+        before, self._announced = self._token, known
+        self._token = self._link.announce(self._name, Token("mirror", known))
+        if before is not None:
+            before.undeclare()
+
+    def _leave(self) -> None:
+        for each in self._declared:
+            each.undeclare()
+        self._declared.clear()
+        if self._token is not None:
+            self._token.undeclare()
+            self._token = None
+
+
+def mirror(
+    name: str,
+    *,
+    into: Buffer,
+    prefix: str = "",
+    shared: str | Iterable[str] = (),
+    session: Session | None = None,
+) -> Mirror:
+    """Follow a home's commits into a store of this process.
+
+    ```python
+    fleet = tfdb.Buffer()
+    with tfdb.net.mirror("robot1", into=fleet, prefix="robot1/", shared=("map",)) as mirror:
+        mirror.wait_until_live(10.0)
+    ```
+
+    Parameters
+    ----------
+    name
+        The namespace, as its home calls it.
+    into
+        The store. It may have several mirrors with different prefixes, and frames of its own.
+    prefix, shared
+        As in `Buffer.apply`: text before the name of each frame, and frames without it.
+    session
+        The connection. None: one to the router at tcp/127.0.0.1:7447, closed with the mirror.
+
+    Returns
+    -------
+    Mirror
+        A context manager.
+
+    Raises
+    ------
+    InvalidName
+        No namespace can have the name.
+    TypeError
+        A value that a parameter does not take.
+    NotSupported
+        PyPI's eclipse-zenoh is not installed.
+    ConnectionError
+        No router answers.
+    """
+    refuse_without(into, "into", "a Buffer", "apply", "positions")
+    name = check_network_name(name)
+    prefix = check_name("prefix", prefix)
+    names = [shared] if isinstance(shared, str) else list(shared)
+    link, owned = open_link(session)
+    try:
+        return Mirror(into, name, link, prefix=prefix, shared=names, owned=owned)
+    except BaseException:
+        if owned is not None:
+            owned.close()
+        raise

@@ -1,0 +1,309 @@
+"""What a mirror does with what it hears: it applies what is next, and asks. It knows no network."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from tfdb.data.errors import (
+    BufferClosed,
+    CorruptMessage,
+    Fenced,
+    NoSuchStore,
+    NotSupported,
+    OutOfOrder,
+    ReadOnly,
+    TfdbError,
+)
+
+from .messages import NONE, Commits, Head, Part, Question, State, message_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from tfdb._core import Buffer
+    from tfdb.data.types import Epoch, Position
+
+    from .events import EventLog, Kind
+    from .messages import Message
+
+SILENCE = 2.0
+"""Seconds without a message after which a home counts as gone: four pauses between heads."""
+_PAUSES = 0.05, 2.0
+_MOST_WAITING = 8 << 20
+"""Bytes of commits that are kept while those before them are asked for."""
+_ENDS = BufferClosed, NoSuchStore, NotSupported, ReadOnly
+"""Errors of the mirror's own store, which no later message mends."""
+
+
+class Receiver:
+    """The mirror's half of the protocol. Threads: one at a time.
+
+    Its store is its state: the position is in it, so that a process that was killed goes on. Times
+    are seconds of any clock that only goes forth.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        source: str,
+        prefix: str,
+        shared: Iterable[str],
+        log: EventLog,
+        draw: random.Random | None = None,
+    ) -> None:
+        self._buffer, self._log = buffer, log
+        self._options: dict[str, Any] = {
+            "source": source,
+            "prefix": prefix,
+            "shared": list(shared),
+        }
+        self._draw = draw or random.Random()  # noqa: S311 - a jitter
+        self.position: Position | None = self._stored()
+        self.known: Epoch = NONE if self.position is None else self.position.epoch
+        """The latest epoch that it has heard of: messages of others are left out."""
+        self.state: Kind = "absent"
+        self.since: float | None = None
+        """When the home was heard last, if it is gone."""
+        self.commits: int = 0
+        self.bytes: int = 0
+        self.states: int = 0
+        self.questions: int = 0
+        self.refused: int = 0
+        self.outdated: int = 0
+        self.newest: int = 0
+        """The latest commit of the known epoch that it has heard of."""
+        self._head: Head | None = None
+        self._heard = -math.inf
+        self._is_gone = False
+        self._waiting: deque[Commits] = deque()
+        self._parts: dict[int, bytes] = {}
+        self._parts_of: tuple[Epoch, int, int] | None = None
+        self._asked: tuple[object, ...] | None = None
+        self._ask_at, self._pause = -math.inf, 0.0
+        self._wants_state = False
+        self._last_refusal = ""
+
+    # -- what it is fed ----------------------------------------------------------------------------
+
+    def take(self, data: bytes, now: float) -> None:
+        """Take a message of the log, or of an answer. Raises what ends the mirror."""
+        try:
+            message = message_of(data)
+        except CorruptMessage as error:
+            self._refuse(error)
+            return
+        if message.epoch < self.known:
+            self.outdated += 1
+            return
+        self._follow(message.epoch)
+        self.bytes += len(data)
+        self._heard, self._is_gone = now, False
+        self._take(message)
+        self.tick(now)
+
+    def answered(self, now: float) -> None:
+        """Take note that the question's answer is complete: maybe nothing came."""
+        self._pause = 0.0 if self._asked != self._place() else self._longer()
+        self._ask_at = now + self._pause
+        self._asked = None
+        self._parts.clear()
+        self.tick(now)
+
+    def find_home(self, epoch: Epoch, now: float) -> None:
+        """Take note that a home is there."""
+        if epoch >= self.known:
+            self._follow(epoch)
+            self._heard, self._is_gone = now, False
+            self.tick(now)
+
+    def lose_home(self, epoch: Epoch, now: float) -> None:
+        """Take note that a home is gone."""
+        if epoch == self.known:
+            self._is_gone = True
+            self.tick(now)
+
+    def tick(self, now: float) -> None:
+        """Judge the state anew."""
+        state: Kind
+        if self._heard == -math.inf:
+            state = "absent"
+        elif self._is_gone or now - self._heard > SILENCE:
+            state = "stale"
+        else:
+            state = "catching up" if self._is_behind() else "live"
+        if state != self.state:
+            self.state = state
+            self.since = self._heard if state == "stale" else None
+            self._log.add(state, self._sentence(state))
+
+    # -- what it wants -----------------------------------------------------------------------------
+
+    def question(self, now: float) -> Question | None:
+        """Return the question that is due; `answered` must follow. None: nothing is to be asked."""
+        if self._asked is not None or now < self._ask_at or not self._is_behind():
+            return None
+        self.questions += 1
+        self._asked = self._place()
+        position = self.position
+        if position is None or position.epoch != self.known or self._wants_state:
+            return Question(self.known, None)
+        return Question(self.known, position.commit)
+
+    def due(self, now: float) -> float:
+        """Return in how many seconds `tick` or `question` is to be called."""
+        at = self._heard + SILENCE if self.state in ("catching up", "live") else now + SILENCE
+        if self._asked is None and self._is_behind():
+            at = min(at, self._ask_at)
+        return min(max(at - now, 0.0) + 0.001, SILENCE)
+
+    # -- the parts ---------------------------------------------------------------------------------
+
+    def _take(self, message: Message) -> None:
+        match message:
+            case Head():
+                self._head = message
+                self._note(message.commit)
+            case Commits():
+                self._note(message.last)
+                self._take_commits(message)
+            case State():
+                self._note(message.commit)
+                self._take_state(message)
+            case Part():
+                self._note(message.commit)
+                self._take_part(message)
+
+    def _follow(self, epoch: Epoch) -> None:
+        """Leave all earlier epochs."""
+        if epoch > self.known:
+            self.known, self.newest, self._head = epoch, 0, None
+            self._waiting.clear()
+            self._parts.clear()
+            self._ask_at, self._pause = -math.inf, 0.0
+
+    def _note(self, commit: int) -> None:
+        self.newest = max(self.newest, commit)
+
+    def _take_commits(self, message: Commits) -> None:
+        position = self.position
+        if position is None or message.epoch != position.epoch or message.since > position.commit:
+            self._keep(message)
+        elif message.last > position.commit:
+            self._apply(message)
+            self._apply_waiting()
+
+    def _keep(self, message: Commits) -> None:
+        """Keep commits until those before them are there."""
+        self._waiting.append(message)
+        size = sum(len(each.data) for each in self._waiting)
+        while size > _MOST_WAITING:
+            size -= len(self._waiting.popleft().data)
+
+    def _apply_waiting(self) -> None:
+        waiting = sorted(self._waiting, key=lambda each: each.since)
+        self._waiting.clear()
+        for message in waiting:
+            position = self.position
+            if position is None or message.since > position.commit:
+                self._waiting.append(message)
+            elif message.last > position.commit:
+                self._apply(message)
+
+    def _take_part(self, part: Part) -> None:
+        place = part.epoch, part.commit, part.parts
+        if self._parts_of is None or not self._parts or place > self._parts_of:
+            self._parts, self._parts_of = {}, place
+        if place != self._parts_of:
+            return
+        self._parts[part.place] = part.data
+        if len(self._parts) < part.parts:
+            return
+        data = b"".join(self._parts[each] for each in range(part.parts))
+        self._parts = {}
+        try:
+            message = message_of(data)
+        except CorruptMessage as error:
+            self._refuse(error)
+            return
+        if isinstance(message, State) and message[:2] == place[:2]:
+            self._take_state(message)
+        else:
+            self._refuse(CorruptMessage("the parts of a state make none"))
+
+    def _take_state(self, message: State) -> None:
+        before, head = self.position, self._head
+        if before is not None and (message.epoch, message.commit) <= (before.epoch, before.commit):
+            return
+        if not self._apply(message):
+            return
+        self.states += 1
+        self._apply_waiting()
+        if before is None or before.epoch == message.epoch:
+            return
+        goes_on = head is not None and head.previous == before.epoch and before.commit <= head.fork
+        if not goes_on:
+            text = f"from commit {before.commit} to {message.commit} of a later home"
+            after = message.epoch, message.commit
+            self._log.add("rewound", text, (before.epoch, before.commit), after)
+
+    def _apply(self, message: Commits | State) -> bool:
+        before = self.position
+        try:
+            self.position = self._buffer.apply(message.data, **self._options)
+        except _ENDS:
+            raise
+        except (OutOfOrder, Fenced):  # another process applies to the same store
+            self._look_again()
+            return False
+        except TfdbError as error:
+            self._look_again()  # of these commits some may be applied
+            self._refuse(error)
+            self._wants_state = True
+            return False
+        if isinstance(message, Commits):
+            self.commits += self.position.commit - (before.commit if before is not None else 0)
+        self._wants_state, self._last_refusal = False, ""
+        return True
+
+    def _refuse(self, error: TfdbError) -> None:
+        """Count what cannot be stored; the log has each cause once."""
+        self.refused += 1
+        if str(error) != self._last_refusal:
+            self._last_refusal = str(error)
+            self._log.add("refused", f"{type(error).__name__}: {error}")
+
+    def _look_again(self) -> None:
+        self.position = self._stored()
+        if self.position is not None:
+            self._follow(self.position.epoch)
+
+    def _stored(self) -> Position | None:
+        found = self._buffer.positions()
+        return next((each for each in found if each.source == self._options["source"]), None)
+
+    def _is_behind(self) -> bool:
+        position = self.position
+        if position is None or position.epoch < self.known:
+            return self.known > NONE
+        return position.commit < self.newest
+
+    def _place(self) -> tuple[object, ...]:
+        """Where it is: an answer that changes it was of use."""
+        return self.known, self.position
+
+    def _longer(self) -> float:
+        least, most = _PAUSES
+        longer = min(max(self._pause * 2, least), most)
+        return longer * self._draw.uniform(0.75, 1.0)
+
+    def _sentence(self, state: Kind) -> str:
+        commit = 0 if self.position is None else self.position.commit
+        return {
+            "absent": "no home was found",
+            "catching up": f"commit {commit}, and the home has {self.newest}",
+            "live": f"commit {commit}",
+            "stale": f"the home is gone; commit {commit} stays",
+        }[state]

@@ -1,0 +1,109 @@
+"""What a home sends: its commits in order, and answers. It knows no network."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from tfdb.data.errors import FeedLapped, Gone, InvalidArgument
+from tfdb.data.sample_heads import numbers_of
+from tfdb.data.types import Epoch
+
+from .messages import LIMIT, NONE, Head, head_bytes, in_epoch, state_messages
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from tfdb._core import Buffer
+
+    from .messages import Question
+
+GROUP = 64
+"""So many commits are in a message at most; an answer may have more."""
+_ALL = 1 << 30
+
+
+def epoch_for(buffer: Buffer, source: str, seen: Iterable[Epoch]) -> Epoch:
+    """Return the epoch of a new home: none of `seen` is later.
+
+    It is the store's own, so that mirrors go on after a restart, if the store outlives its process,
+    never was a mirror of this namespace, and has not been followed by another home. Else it is new.
+    """
+    own = buffer.epoch
+    known = [each.epoch for each in buffer.positions() if each.source == source]
+    latest = max([*seen, *known], default=NONE)
+    outlives = buffer.shared is not None or buffer.frozen is not None
+    return own if outlives and not known and own >= latest else epoch_after(latest)
+
+
+def epoch_after(latest: Epoch) -> Epoch:
+    """Return an epoch that no home had, later than `latest`."""
+    return Epoch(max(time.time_ns(), latest.number + 1), os.urandom(16))
+
+
+class Sender:
+    """The home's half of the protocol.
+
+    Threads: `answer` and `head` any, the rest one.
+    """
+
+    def __init__(self, buffer: Buffer, epoch: Epoch, previous: Epoch = NONE, fork: int = 0) -> None:
+        self.epoch: Epoch = epoch
+        self.lapped: int = 0
+        """How many commits mirrors learn by a state: the feed had overrun the sender."""
+        self._buffer = buffer
+        self._previous, self._fork = previous, fork
+        self._is_own = epoch == buffer.epoch
+        # No sample behind the position is gone: `_held` is of it or of a commit before it.
+        self._held = buffer.snapshot()
+        self._target = self._held
+        self.commit: int = self._held.commit
+        """The last commit that was sent, or was there before."""
+
+    def next(self) -> bytes | None:
+        """Return the next message of the log. None: all was sent."""
+        if self.commit == self._target.commit:
+            if self._held is not self._target:
+                self._held.close()
+                self._held = self._target
+            taken = self._buffer.snapshot()
+            if taken.commit == self.commit:
+                taken.close()
+                return None
+            self._target = taken
+        try:
+            most = min(GROUP, self._target.commit - self.commit)
+            data = self._buffer.commits_bytes(self.commit, max_commits=most, max_bytes=LIMIT)
+        except (FeedLapped, Gone):
+            before = self.commit
+            self.close()
+            self._held = self._target = self._buffer.snapshot()
+            self.commit = self._held.commit
+            self.lapped += self.commit - before
+            return self.head()
+        self.commit = numbers_of(data)[1]
+        return self._sample(data)
+
+    def head(self) -> bytes:
+        """Return the message by which mirrors find that they miss commits."""
+        return head_bytes(Head(self.epoch, self.commit, self._previous, self._fork))
+
+    def answer(self, question: Question) -> list[bytes]:
+        """Return the messages that bring a mirror forth: commits where they suffice, or a state."""
+        if question.since is not None and question.epoch == self.epoch:
+            with suppress(FeedLapped, Gone, InvalidArgument):
+                data = self._buffer.commits_bytes(question.since, max_commits=_ALL, max_bytes=LIMIT)
+                return [self.head(), *([self._sample(data)] if data else [])]
+        with self._buffer.snapshot() as snap:
+            state = self._sample(snap.state_bytes())
+        return [self.head(), *state_messages(self.epoch, snap.commit, state)]
+
+    def close(self) -> None:
+        """Let go of what is held for the mirrors."""
+        self._held.close()
+        self._target.close()
+
+    def _sample(self, data: bytes) -> bytes:
+        return data if self._is_own else in_epoch(data, self.epoch)

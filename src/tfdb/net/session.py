@@ -1,0 +1,109 @@
+"""The connection of homes and mirrors to a network."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from tfdb.data.errors import InvalidArgument, NotSupported
+from tfdb.data.path_checks import check_path
+from tfdb.data.stamps import shown
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable
+    from types import TracebackType
+    from typing import Self
+
+    from .link import Link
+
+_ROUTER = "tcp/127.0.0.1:7447"
+
+
+class Session:
+    """A connection to other machines by Zenoh, for any number of homes and mirrors.
+
+    It opens two sessions of Zenoh: one for data, one that follows who is alive. It is a context
+    manager; close its homes and mirrors first.
+
+    Parameters
+    ----------
+    connect
+        Endpoint of a router, or several to try in turn, such as `tcp/10.0.0.1:7447`. Default: the
+        router at tcp/127.0.0.1:7447, without `listen`.
+    listen
+        Endpoint, or several, at which this process is a router itself, such as
+        `tcp/127.0.0.1:7447`. By default nothing listens.
+    config
+        A file of Zenoh's configuration, instead of both. Without one, scouting is off.
+
+    Raises
+    ------
+    NotSupported
+        PyPI's eclipse-zenoh is not installed.
+    ConnectionError
+        No router answers, or the endpoint is taken.
+    InvalidArgument
+        `config` beside the others, or an endpoint that is none.
+    OSError
+        The file cannot be read.
+    """
+
+    def __init__(
+        self,
+        *,
+        connect: str | Iterable[str] = (),
+        listen: str | Iterable[str] = (),
+        config: str | os.PathLike[str] | None = None,
+    ) -> None:
+        there, here = _endpoints("connect", connect), _endpoints("listen", listen)
+        if config is not None and (there or here):
+            raise InvalidArgument("config is given without connect and listen: it has them")
+        try:
+            from .zenoh_link import config_for, config_of, open_link  # noqa: PLC0415 - an extra
+        except ImportError as error:
+            text = f"tfdb.net needs eclipse-zenoh: pip install 'tfdb[net]' ({error})"
+            raise NotSupported(text, reason="eclipse-zenoh") from error
+        if config is not None:
+            self._where = str(config)
+            text = check_path(config).read_text()
+            data, tokens = config_of(text), config_of(text)
+        elif here:
+            self._where = ", ".join([*here, *there])
+            data, tokens = config_for("router", there, here), config_for("client", here, [])
+        else:
+            there = there or [_ROUTER]
+            self._where = ", ".join(there)
+            data, tokens = config_for("client", there, []), config_for("client", there, [])
+        self._link: Link = open_link(data, tokens, self._where)
+
+    @property
+    def link(self) -> Link:
+        """What homes and mirrors use."""
+        return self._link
+
+    def close(self) -> None:
+        """Close it. A second call does nothing."""
+        self._link.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<tfdb.net.Session at {self._where}>"
+
+
+def _endpoints(name: str, value: str | Iterable[str]) -> list[str]:
+    found: list[Any] = [value] if isinstance(value, str) else list(value)
+    for each in found:
+        if not isinstance(each, str) or each.count("/") != 1 or not all(each.split("/")):
+            text = f"{name} has endpoints such as {_ROUTER}, got {shown(each)}"
+            raise InvalidArgument(text, value=each)
+    return found

@@ -1,0 +1,189 @@
+"""Zenoh: the one file that knows it."""
+
+from __future__ import annotations
+
+import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+
+from tfdb.data.errors import InvalidArgument
+
+from .link import ask_key, log_key, token_of, tokens_key
+from .messages import question_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .link import Declared, Token
+    from .messages import Question
+
+_ANSWERS = 4
+"""So many questions are answered at once."""
+_MOST_QUESTIONS = 64
+"""So many more wait; beyond, none is answered, and the mirror asks again."""
+_PATIENCE = 5.0
+"""Seconds for an answer."""
+_CONNECT_MS = 3000
+
+
+def open_link(data: zenoh.Config, tokens: zenoh.Config, where: str) -> ZenohLink:
+    """Open the sessions. Raises ConnectionError."""
+    first = _open(data, where)
+    try:
+        return ZenohLink(first, _open(tokens, where))
+    except BaseException:
+        first.close()
+        raise
+
+
+def _open(config: zenoh.Config, where: str) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        text = f"no Zenoh router at {where}, or the endpoint is taken: start one, for example by "
+        text += "listen= (--listen) of one of the processes"
+        raise ConnectionError(text) from error
+
+
+def config_of(text: str) -> zenoh.Config:
+    """Read a configuration. Raises InvalidArgument."""
+    try:
+        return zenoh.Config.from_json5(text)
+    except zenoh.ZError as error:
+        raise InvalidArgument("config must be a file of Zenoh's configuration in JSON5") from error
+
+
+def config_for(mode: str, connect: list[str], listen: list[str]) -> zenoh.Config:
+    """Make a configuration that neither searches the network nor listens unless told."""
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", mode),
+        ("connect/endpoints", connect),
+        ("connect/timeout_ms", _CONNECT_MS if connect else 0),
+        ("connect/exit_on_failure", bool(connect)),
+        ("listen/endpoints", listen),
+        ("listen/exit_on_failure", True),
+        ("scouting/multicast/enabled", False),
+        ("scouting/gossip/enabled", False),
+    ):
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+class ZenohLink:
+    """See `Link`. Threads: any."""
+
+    def __init__(self, data: zenoh.Session, tokens: zenoh.Session) -> None:
+        self._data, self._tokens = data, tokens
+        self._pool = ThreadPoolExecutor(_ANSWERS, "tfdb answers")
+        self._waiting = threading.Semaphore(_ANSWERS + _MOST_QUESTIONS)
+
+    def send(self, name: str) -> tuple[Callable[[bytes], None], Declared]:
+        """See `Link`."""
+        publisher = self._data.declare_publisher(
+            log_key(name), congestion_control=zenoh.CongestionControl.DROP, express=True
+        )
+        return publisher.put, _Declared(publisher)
+
+    def hear(self, name: str, take: Callable[[bytes], None]) -> Declared:
+        """See `Link`."""
+
+        def heard(sample: zenoh.Sample) -> None:
+            take(sample.payload.to_bytes())
+
+        return _Declared(self._data.declare_subscriber(log_key(name), heard))
+
+    def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
+        """See `Link`."""
+
+        def asked(query: zenoh.Query) -> None:
+            if not self._waiting.acquire(blocking=False):
+                query.drop()
+                return
+            self._pool.submit(self._answer, query, answer)
+
+        keys = [ask_key(name, state=state) for state in (False, True)]
+        return _Declared(*(self._data.declare_queryable(key, asked) for key in keys))
+
+    def _answer(self, query: zenoh.Query, answer: Callable[[Question], list[bytes]]) -> None:
+        try:
+            found = query.parameters
+            question = question_of(found.get("since"), found.get("epoch"))
+            for message in answer(question):
+                query.reply(query.key_expr, message)
+        except (ValueError, zenoh.ZError):
+            return  # the question is not a mirror's, or the mirror is gone
+        finally:
+            query.drop()
+            self._waiting.release()
+
+    def ask(self, name: str, question: Question, done: Callable[[list[bytes]], None]) -> None:
+        """See `Link`."""
+        came: list[bytes] = []
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                came.append(reply.ok.payload.to_bytes())
+
+        self._data.get(
+            f"{ask_key(name, state=question.since is None)}?{question}",
+            zenoh.handlers.Callback(take, lambda: done(came)),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=_PATIENCE,
+        )
+
+    def announce(self, name: str, token: Token) -> Declared:
+        """See `Link`."""
+        key = token.key(name, str(self._data.zid()))
+        return _Declared(self._data.liveliness().declare_token(key))
+
+    def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
+        """See `Link`."""
+
+        def seen(sample: zenoh.Sample) -> None:
+            token = _token(sample)
+            if token is not None:
+                take(token, sample.kind == zenoh.SampleKind.PUT)
+
+        key = tokens_key(name, "home")
+        return _Declared(self._tokens.liveliness().declare_subscriber(key, seen, history=True))
+
+    def tokens(self, name: str) -> list[Token]:
+        """See `Link`."""
+        found: list[Token] = []
+        for role in ("home", "mirror"):
+            replies: Any = self._tokens.liveliness().get(tokens_key(name, role), timeout=_PATIENCE)
+            read = [_token(reply.ok) for reply in replies if reply.ok is not None]
+            found += [each for each in read if each is not None]
+        return found
+
+    def close(self) -> None:
+        """See `Link`."""
+        self._pool.shutdown()
+        self._tokens.close()
+        self._data.close()
+
+
+def _token(sample: zenoh.Sample) -> Token | None:
+    try:
+        return token_of(str(sample.key_expr))
+    except ValueError:
+        return None  # of a program that is none of ours
+
+
+class _Declared:
+    """What was declared of Zenoh."""
+
+    def __init__(self, *parts: Declared) -> None:
+        self._parts = parts
+
+    def undeclare(self) -> None:
+        """End it."""
+        for each in self._parts:
+            with suppress(zenoh.ZError):  # the session was closed before
+                each.undeclare()

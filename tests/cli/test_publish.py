@@ -1,0 +1,109 @@
+"""`tfdb publish` and `tfdb mirror`, as processes over loopback."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tests.net.conftest import LONGEST, free_endpoint, needs_zenoh
+from tests.recorder.reading import state_of
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from tests.cli.conftest import Tool
+
+pytestmark = needs_zenoh
+
+
+@pytest.fixture
+def names() -> Iterator[tuple[str, str]]:
+    """Two names of stores."""
+    made = f"test-publish-{os.getpid()}", f"test-mirror-{os.getpid()}"
+    yield made
+    for name in made:
+        with suppress(tfdb.errors.NoSuchStore):
+            tfdb.Buffer.unlink(name)
+
+
+class Running:
+    """A command that goes on until it is stopped."""
+
+    def __init__(self, *arguments: object) -> None:
+        command = [sys.executable, "-m", "tfdb.cli", *map(str, arguments), "--json"]
+        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        self.process = subprocess.Popen(command, text=True, **pipes)
+
+    def wait_for(self, event: str) -> None:
+        """Read until there is an event."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if json.loads(line).get("event") == event:
+                return
+        raise AssertionError(f"no {event!r}: {self.process.communicate()}")
+
+    def stop(self, number: int = signal.SIGINT) -> tuple[int, dict[str, Any]]:
+        """Stop it; returns its exit code and its last line."""
+        self.process.send_signal(number)
+        out, said = self.process.communicate(timeout=LONGEST)
+        assert "Traceback" not in said
+        lines = out.splitlines()
+        return self.process.returncode, json.loads(lines[-1]) if lines else {"said": said}
+
+
+def test_a_mirror_follows_a_published_store(names: tuple[str, str]) -> None:
+    here, there = names
+    endpoint = free_endpoint()
+    with tfdb.Buffer.open(here, size=1 << 25) as store:
+        store.set_transform("map", "base", 1, (1, 2, 3), (0, 0, 0, 1))
+        home = Running("publish", f"shm:{here}", "--as", "robot1", "--listen", endpoint)
+        mirror = Running(
+            "mirror", "robot1", "--into", there, "--prefix", "r/", "--shared", "map",
+            "--connect", endpoint,
+        )  # fmt: skip
+        mirror.wait_for("live")
+        store.set_transform("map", "base", 2, (2, 2, 3), (0, 0, 0, 1))
+        with tfdb.Buffer.open(there, create=False) as copy:
+            copy.wait_for_transform("map", "r/base", 2, LONGEST)
+            code, end = mirror.stop()
+            assert (code, end["state"], end["commit"], end["commits"]) == (0, "live", 2, 1)
+            assert copy.frames() == ["map", "r/base"]
+        code, end = home.stop()
+        assert (code, end["state"], end["commits"]) == (0, "publishing", 1)
+        assert (end["command"], end["name"], end["source"]) == ("publish", "robot1", f"shm:{here}")
+
+
+def test_a_file_is_published_and_its_mirror_loses_it(bag: Path, names: tuple[str, str]) -> None:
+    _, there = names
+    endpoint = free_endpoint()
+    with tfdb.net.Session(listen=endpoint):
+        home = Running("publish", bag, "--as", "robot1", "--connect", endpoint)
+        mirror = Running(
+            "mirror", "robot1", "--into", there, "--history", "1000", "--connect", endpoint
+        )
+        mirror.wait_for("live")
+        with tfdb.Buffer.open(there, create=False) as copy:
+            assert state_of(copy) == state_of(tfdb.load(bag))
+        assert home.stop()[0] == 0
+        mirror.wait_for("stale")
+        assert mirror.stop(signal.SIGTERM)[0] == 1
+
+
+def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
+    endpoint = free_endpoint()
+    text = tool("publish", bag, "--as", "r", "--connect", endpoint, code=2).err
+    assert f"no Zenoh router at {endpoint}" in text
+    text = tool("mirror", "r*", "--into", names[1], "--listen", endpoint, code=2).err
+    assert "'r*' is not the name of a namespace" in text
+    text = tool("publish", "shm:nowhere", "--as", "r", "--listen", endpoint, code=2).err
+    assert "nowhere" in text
+    assert "Missing option '--as'" in tool("publish", bag, code=2).err

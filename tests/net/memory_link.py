@@ -1,0 +1,142 @@
+"""A network in this process: one thread delivers, in order, what both ends of a cut cannot hear."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import defaultdict
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.net.link import Token
+    from tfdb.net.messages import Question
+
+
+class Network:
+    """What links have in common."""
+
+    def __init__(self) -> None:
+        self.calls: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        self.links: list[MemoryLink] = []
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self) -> None:
+        """Deliver."""
+        while (call := self.calls.get()) is not None:
+            call()
+
+    def link(self) -> MemoryLink:
+        """Make a link."""
+        made = MemoryLink(self)
+        self.links.append(made)
+        return made
+
+    def close(self) -> None:
+        """End the thread."""
+        self.calls.put(None)
+        self.thread.join()
+
+
+class MemoryLink:
+    """See `tfdb.net.link.Link`."""
+
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        self.is_cut = False
+        self.declared: dict[str, list[Any]] = defaultdict(list)
+
+    def reached(self) -> list[MemoryLink]:
+        """The links that hear this one."""
+        return [
+            each for each in self.network.links if each is self or not (each.is_cut or self.is_cut)
+        ]
+
+    def declare(self, key: str, what: Any) -> Declared:
+        """Note something under a key."""
+        self.declared[key].append(what)
+        return Declared(self.declared[key], what)
+
+    def send(self, name: str) -> tuple[Callable[[bytes], None], Declared]:
+        """See `Link`."""
+
+        def put(data: bytes) -> None:
+            for link in self.reached():
+                for take in list(link.declared[f"{name}/log"]):
+                    self.network.calls.put(lambda take=take: take(data))
+
+        return put, self.declare(f"{name}/publisher", put)
+
+    def hear(self, name: str, take: Callable[[bytes], None]) -> Declared:
+        """See `Link`."""
+        return self.declare(f"{name}/log", take)
+
+    def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
+        """See `Link`."""
+        return self.declare(f"{name}/server", answer)
+
+    def ask(self, name: str, question: Question, done: Callable[[list[bytes]], None]) -> None:
+        """See `Link`."""
+
+        def reply() -> None:
+            found: list[bytes] = []
+            for link in self.reached():
+                for answer in list(link.declared[f"{name}/server"]):
+                    found += answer(question)
+            done(found)
+
+        self.network.calls.put(reply)
+
+    def announce(self, name: str, token: Token) -> Declared:
+        """See `Link`."""
+        made = self.declare(f"{name}/tokens", token)
+        self.tell(name, token, True)
+        made.ended = lambda: self.tell(name, token, False)
+        return made
+
+    def tell(self, name: str, token: Token, alive: bool) -> None:
+        """Tell the watchers of a token."""
+        for link in self.reached() if token.role == "home" else ():
+            for take in list(link.declared[f"{name}/watchers"]):
+                self.network.calls.put(lambda take=take: take(token, alive))
+
+    def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
+        """See `Link`."""
+        made = self.declare(f"{name}/watchers", take)
+        for token in self.tokens(name):
+            if token.role == "home":
+                self.network.calls.put(lambda token=token: take(token, True))
+        return made
+
+    def tokens(self, name: str) -> list[Token]:
+        """See `Link`."""
+        return [each for link in self.reached() for each in link.declared[f"{name}/tokens"]]
+
+    def heal(self) -> None:
+        """Mend a cut: tokens of both sides are seen again."""
+        self.is_cut = False
+        for link in self.network.links:
+            for key, tokens in list(link.declared.items()):
+                name, _, kind = key.rpartition("/")
+                for token in list(tokens) if kind == "tokens" else ():
+                    link.tell(name, token, True)
+
+    def close(self) -> None:
+        """See `Link`."""
+        self.declared.clear()
+
+
+class Declared:
+    """Something that was declared."""
+
+    def __init__(self, where: list[Any], what: Any) -> None:
+        self.where, self.what = where, what
+        self.ended: Callable[[], None] = lambda: None
+
+    def undeclare(self) -> None:
+        """End it. A second call does nothing."""
+        if any(each is self.what for each in self.where):
+            self.where[:] = [each for each in self.where if each is not self.what]
+            self.ended()

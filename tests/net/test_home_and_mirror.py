@@ -1,0 +1,333 @@
+"""`Home` and `Mirror` with their threads, over a network in memory and over Zenoh."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tfdb
+from tests.net.conftest import LONGEST, memory_links
+from tests.recorder.reading import state_of
+from tests.test_changes import Writer, pose
+from tfdb.data.types import Epoch
+from tfdb.net.home import Home, publish
+from tfdb.net.link import Token, check_network_name, token_of
+from tfdb.net.mirroring import Mirror, mirror
+from tfdb.net.sending import epoch_for
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.net.events import Event, NetEvents
+    from tfdb.net.link import Link
+
+    Links = Callable[[], Link]
+
+NAME = "site/robot1"
+
+
+def new_home(buffer: tfdb.Buffer, link: Link, name: str = NAME, **options: Any) -> Home:
+    """As `publish` makes it, on a link."""
+    epoch = epoch_for(buffer, name, [each.epoch for each in link.tokens(name)])
+    return Home(buffer, name, link, epoch, **options)
+
+
+def wait_for(events: NetEvents, kind: str) -> Event:
+    """The next event of a kind."""
+    until = time.monotonic() + LONGEST
+    while time.monotonic() < until:
+        event = events.read_next(1.0)
+        if event is not None and event.kind == kind:
+            return event
+    raise AssertionError(f"no event {kind!r} came")
+
+
+def wait_for_commit(mirror: Mirror, commit: int) -> None:
+    """Wait until a mirror has a commit of its home."""
+    until = time.monotonic() + LONGEST
+    while mirror.position is None or mirror.position.commit < commit:
+        assert time.monotonic() < until, (mirror.state, mirror.position, mirror.stats)
+        with suppress(tfdb.WaitTimeout):  # the position may be read just before
+            mirror._buffer.wait_for_commit(mirror._buffer.commit, 0.05)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.002])
+def test_a_mirror_has_all_commits_of_its_home(links: Links, delay: float) -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    writer = Writer(3)
+    for _ in range(50):
+        writer.act(source)
+    with (
+        new_home(source, links(), max_delay=delay) as home,
+        Mirror(copy, NAME, links()) as mirror,
+    ):
+        mirror.wait_until_live(LONGEST)
+        for _ in range(300):
+            writer.act(source)
+        home.close()
+        wait_for_commit(mirror, source.commit)
+        assert state_of(copy) == state_of(source)
+        assert home.stats.commits > 100
+        assert home.stats.lapped == 0
+        assert mirror.stats.states == 1
+        assert mirror.stats.commits == home.stats.commits
+        assert (mirror.stats.refused, mirror.stats.outdated) == (0, 0)
+
+
+def test_a_home_that_is_gone_and_a_new_one(links: Links) -> None:
+    first, second, copy = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+    first.set_transform("map", "base", 10, *pose(1))
+    second.set_transform("map", "arm", 10, *pose(2))
+    link = links()
+    with Mirror(copy, NAME, links()) as mirror, mirror.events() as events:
+        assert mirror.state == "absent"
+        with new_home(first, link):
+            mirror.wait_until_live(LONGEST)
+        wait_for(events, "stale")
+        assert mirror.silence is not None
+        assert copy.frames() == ["base", "map"]
+        with new_home(second, link) as home:
+            event = wait_for(events, "rewound")
+            assert event.after == (home.epoch, 1)
+            mirror.wait_until_live(LONGEST)
+            assert copy.frames() == ["arm", "map"]
+            assert mirror.silence is None
+
+
+def test_a_shared_store_goes_on_with_its_mirror(links: Links, store_name: str) -> None:
+    link, copy = links(), tfdb.Buffer()
+    with Mirror(copy, NAME, links()) as mirror, mirror.events() as events:
+        for life in range(3):
+            with tfdb.Buffer.open(store_name, size=1 << 25) as store:
+                store.set_transform("map", "base", life, *pose(life))
+                with new_home(store, link):
+                    mirror.wait_until_live(LONGEST)
+                    wait_for_commit(mirror, store.commit)
+                    assert state_of(copy) == state_of(store)
+            wait_for(events, "stale")
+        assert mirror.stats.states == 1
+
+
+def test_a_mirror_goes_on_from_the_position_in_its_store(links: Links, store_name: str) -> None:
+    source, link = tfdb.Buffer(), links()
+    source.set_transform("map", "base", 0, *pose(1))
+    with new_home(source, link):
+        for life in range(3):
+            with (
+                tfdb.Buffer.open(store_name, size=1 << 25) as store,
+                Mirror(store, NAME, link) as mirror,
+            ):
+                mirror.wait_until_live(LONGEST)
+                source.set_transform("map", "base", 1 + life, *pose(life))
+                wait_for_commit(mirror, source.commit)
+                assert state_of(store) == state_of(source)
+                assert mirror.stats.states == (life == 0)
+
+
+def test_a_promoted_mirror_and_the_old_home_in_a_cut_network() -> None:
+    with memory_links() as links:
+        old, new, third = links(), links(), links()
+        source, spare, copy = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+        source.set_transform("map", "base", 0, *pose(1))
+        home = new_home(source, old)
+        mirror, other = Mirror(spare, NAME, new), Mirror(copy, NAME, third)
+        for each in (mirror, other):
+            each.wait_until_live(LONGEST)
+        old.is_cut = True  # type: ignore[attr-defined]
+        fork = source.commit
+        for i in range(5):
+            source.set_transform("map", "alone", 10 + i, *pose(i))
+        promoted = mirror.promote()
+        spare.set_transform("map", "later", 20, *pose(3))
+        wait_for_commit(other, spare.commit)
+        assert home.state == "publishing", "it hears nothing of the other"
+        old.heal()  # type: ignore[attr-defined]
+        event = wait_for(home.events(), "fenced")
+        assert event.before == (home.epoch, fork)
+        assert event.after == (home.epoch, source.commit)
+        assert home.state == "fenced"
+        assert [each.commit for each in source.changes(fork)] == list(range(fork + 1, fork + 6))
+        assert state_of(copy) == state_of(spare)
+        kinds = [each.kind for each in list_events(other.events())]
+        assert "rewound" not in kinds
+        for each in (promoted, other, mirror, home):
+            each.close()
+
+
+def list_events(events: NetEvents) -> list[Event]:
+    """What has come."""
+    found = []
+    while (event := events.read_next()) is not None:
+        found.append(event)
+    return found
+
+
+def test_a_promoted_mirror_takes_over(links: Links) -> None:
+    link = links()
+    source, spare, copy = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, link)
+    mirror, other = Mirror(spare, NAME, links()), Mirror(copy, NAME, links())
+    for each in (mirror, other):
+        each.wait_until_live(LONGEST)
+    with mirror.promote(max_delay=0.0) as promoted:
+        assert mirror.state == "closed"
+        event = wait_for(home.events(), "fenced")
+        assert event.before == (home.epoch, 1)
+        spare.set_transform("map", "later", 20, *pose(3))
+        wait_for_commit(other, spare.commit)
+        assert other.position is not None
+        assert other.position.epoch == promoted.epoch
+        assert state_of(copy) == state_of(spare)
+    for each in (other, home):
+        each.close()
+
+
+def test_mirrors_that_cannot_be_promoted(links: Links) -> None:
+    link, store = links(), tfdb.Buffer()
+    source = tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    with Mirror(store, NAME, link) as mirror:
+        with pytest.raises(tfdb.InvalidArgument, match=r"it never was live.*force=True"):
+            mirror.promote()
+        mirror.promote(force=True).close()
+        with pytest.raises(tfdb.InvalidArgument, match="it is closed"):
+            mirror.promote(force=True)
+        with pytest.raises(tfdb.InvalidArgument, match="is closed"):
+            mirror.wait_until_live()
+    with (
+        Mirror(tfdb.Buffer(), NAME, link, prefix="r/") as mirror,
+        pytest.raises(tfdb.InvalidArgument, match="other names"),
+    ):
+        mirror.promote(force=True)
+    store = tfdb.Buffer()
+    store.apply(source.commits_bytes(0), source="other", prefix="other/")
+    with (
+        Mirror(store, NAME, link) as mirror,
+        pytest.raises(tfdb.InvalidArgument, match="copy of 'other'"),
+    ):
+        mirror.promote(force=True)
+
+
+def test_several_homes_in_one_store(links: Links) -> None:
+    link, fleet = links(), tfdb.Buffer()
+    homes, mirrors, sources = [], [], []
+    for number in (1, 2):
+        source = tfdb.Buffer()
+        sources.append(source)
+        source.set_transform("map", "base", 10, *pose(number))
+        homes.append(new_home(source, link, f"robot{number}"))
+        mirrors.append(
+            Mirror(fleet, f"robot{number}", links(), prefix=f"r{number}/", shared=["map"])
+        )
+    for each in mirrors:
+        each.wait_until_live(LONGEST)
+    assert fleet.frames() == ["map", "r1/base", "r2/base"]
+    assert sorted(p.source for p in fleet.positions()) == ["robot1", "robot2"]
+    with (
+        Mirror(fleet, "robot1", link, prefix="r") as wrong,
+        wrong.events() as events,
+    ):
+        sources[0].set_transform("map", "base", 20, *pose(1))
+        assert "with prefix 'r1/', not 'r'" in wait_for(events, "refused").text
+    for each in (*mirrors, *homes):
+        each.close()
+
+
+def test_a_writer_at_full_speed_does_not_wait(links: Links) -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    with new_home(source, links()) as home, Mirror(copy, NAME, links()) as mirror:
+        for i in range(60_000):
+            source.set_transform("map", f"frame{i % 7}", i, *pose(i % 90))
+        wait_for_commit(mirror, source.commit)
+        assert state_of(copy) == state_of(source)
+        assert home.stats.commits + home.stats.lapped == source.commit
+
+
+def test_the_end_of_a_mirrors_store_ends_it(links: Links) -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    with new_home(source, links()), Mirror(copy, NAME, links()) as mirror:
+        mirror.wait_until_live(LONGEST)
+        copy.close()
+        source.set_transform("map", "base", 20, *pose(1))
+        with mirror.events() as events:
+            assert "BufferClosed" in wait_for(events, "ended").text
+        assert mirror.state == "ended"
+        with pytest.raises(tfdb.errors.BufferClosed):
+            mirror.wait_until_live(LONGEST)
+
+
+def test_the_end_of_a_homes_store_ends_it(links: Links) -> None:
+    source = tfdb.Buffer()
+    with new_home(source, links()) as home, home.events() as events:
+        source.close()
+        assert "BufferClosed" in wait_for(events, "ended").text
+        assert (home.state, type(home.error)) == ("ended", tfdb.errors.BufferClosed)
+
+
+def test_a_missing_home(links: Links) -> None:
+    with Mirror(tfdb.Buffer(), NAME, links()) as mirror:
+        with pytest.raises(tfdb.WaitTimeout, match=r"is absent, not live, after 0\.01 s"):
+            mirror.wait_until_live(0.01)
+        assert mirror.stats == (0, 0, 0, 0, 0, 0, 0)
+        assert mirror.position is None
+
+
+def test_events_are_read_by_coroutines_and_end_with_the_mirror() -> None:
+    async def read(events: NetEvents) -> list[str]:
+        return [event.kind async for event in events]
+
+    with memory_links() as links:
+        source = tfdb.Buffer()
+        source.set_transform("map", "base", 10, *pose(1))
+        link = links()
+        with new_home(source, link), Mirror(tfdb.Buffer(), NAME, link) as mirror:
+            mirror.wait_until_live(LONGEST)
+        events = mirror.events()
+        assert asyncio.run(read(events))[-1] == "live"
+        with pytest.raises(tfdb.errors.StreamClosed, match="no more events"):
+            events.read_next()
+        events.close()
+        with pytest.raises(tfdb.errors.StreamClosed, match="call events"):
+            events.read_next()
+
+
+@pytest.mark.parametrize(
+    "name", ["", "/a", "a/", "a//b", "a b", "a*", "@home", "ä", "x" * 256, 7, None]
+)
+def test_names_that_no_namespace_has(name: Any) -> None:
+    with pytest.raises(tfdb.errors.InvalidName, match="not the name of a namespace"):
+        publish(tfdb.Buffer(), name)
+    with pytest.raises(tfdb.errors.InvalidName, match="not the name of a namespace"):
+        mirror(name, into=tfdb.Buffer())
+
+
+def test_names_that_namespaces_have() -> None:
+    for name in ("robot1", "a/b.c_d-e/F", "x" * 255):
+        assert check_network_name(name) == name
+
+
+def test_wrong_arguments() -> None:
+    with pytest.raises(TypeError, match="buffer is a Buffer"):
+        publish("robot1", "robot1")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="into is a Buffer"):
+        mirror("robot1", into="robot1")  # type: ignore[arg-type]
+    with pytest.raises(tfdb.InvalidArgument, match="max_delay"):
+        publish(tfdb.Buffer(), "robot1", max_delay=-1)
+    with pytest.raises(tfdb.errors.NotSupported, match="keeps no feed"):
+        publish(tfdb.Buffer(concurrency="silo"), "robot1")
+
+
+def test_tokens() -> None:
+    epoch = Epoch(12, bytes(range(16)))
+    for role in ("home", "mirror"):
+        token = Token(role, epoch)  # type: ignore[arg-type]
+        assert token_of(token.key("a/b", "owner")) == token
+    for key in ("tfdb/1/a/log", "tfdb/1/a/@home/1", "tfdb/1/a/@home/x/" + "0" * 32, "", "/@x/1/2"):
+        with pytest.raises(ValueError, match="is not"):
+            token_of(key)

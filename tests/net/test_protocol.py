@@ -1,0 +1,394 @@
+"""The protocol without a network: random losses, kills, restarts and promotions."""
+
+from __future__ import annotations
+
+import os
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tfdb
+from tests.net.world import SOURCE, BrokenPromiseError, World
+from tests.recorder.reading import state_of
+from tests.test_changes import pose
+from tfdb.data.types import Epoch
+from tfdb.net import messages, receiving, sending
+from tfdb.net.events import EventLog
+from tfdb.net.messages import NONE, Question
+from tfdb.net.receiving import Receiver
+from tfdb.net.sending import Sender, epoch_for
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+WORLDS = int(os.environ.get("TFDB_NET_WORLDS", "40"))
+
+
+def run(seed: int) -> World:
+    """Run one world to its end."""
+    world = World(seed)
+    for _ in range(3000):
+        world.step()
+    world.settle()
+    return world
+
+
+def test_random_worlds_keep_all_promises() -> None:
+    worlds = [run(seed) for seed in range(WORLDS)]
+    assert sum(world.checked for world in worlds) > 50 * WORLDS
+    assert sum(world.rewound for world in worlds) > WORLDS
+    assert sum(world.fenced for world in worlds) > WORLDS
+
+
+def finds(seeds: int = 60) -> bool:
+    """Whether a fault that was put in is found."""
+    for seed in range(seeds):
+        try:
+            run(seed)
+        except (BrokenPromiseError, tfdb.TfdbError):
+            return True
+    return False
+
+
+def test_homes_with_equal_epochs_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = World.next_epoch
+    monkeypatch.setattr(
+        World, "next_epoch", lambda self, node: Epoch(usual(self, node).number, bytes(16))
+    )
+    assert finds()
+
+
+def test_a_promoted_store_that_keeps_its_epoch_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        World, "next_epoch", lambda self, node: max(NONE, *self.forks, Epoch(1, b"x" * 16))
+    )
+    assert finds()
+
+
+def test_a_rewind_without_a_word_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = EventLog.add
+
+    def add(self: EventLog, kind: Any, *rest: Any) -> None:
+        if kind != "rewound":
+            usual(self, kind, *rest)
+
+    monkeypatch.setattr(EventLog, "add", add)
+    assert finds()
+
+
+def test_a_mirror_that_never_asks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Receiver, "question", lambda self, now: None)
+    assert finds()
+
+
+# -- single steps ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def home() -> Iterator[Sender]:
+    """A home of a store with ten commits, in an epoch of its own."""
+    buf = tfdb.Buffer()
+    write(buf, 10)
+    sender = Sender(buf, Epoch(5, b"e" * 16))
+    yield sender
+    sender.close()
+
+
+def write(buf: tfdb.Buffer, count: int) -> None:
+    """Commit."""
+    for _ in range(count):
+        number = buf.commit
+        buf.set_transform("map", f"frame{number % 3}", number, *pose(number))
+
+
+def new_mirror(into: tfdb.Buffer | None = None) -> Receiver:
+    """A mirror that knows nothing."""
+    return Receiver(into or tfdb.Buffer(), SOURCE, "", (), EventLog(SOURCE))
+
+
+def kinds(receiver: Receiver) -> list[str]:
+    """The kinds of its events."""
+    found, number = [], 0
+    while True:
+        number, event = receiver._log.after(number)
+        if event is None:
+            return found
+        found.append(event.kind)
+
+
+def answered(receiver: Receiver, sender: Sender, now: float) -> Question:
+    """Ask what is due, and have it answered."""
+    question = receiver.question(now)
+    assert question is not None
+    for message in sender.answer(question):
+        receiver.take(message, now)
+    receiver.answered(now)
+    return question
+
+
+def test_a_late_joiner_takes_the_state_and_goes_on(home: Sender) -> None:
+    receiver = new_mirror()
+    assert receiver.state == "absent"
+    assert receiver.question(0.0) is None
+    receiver.take(home.head(), 0.0)
+    assert receiver.state == "catching up"
+    assert answered(receiver, home, 0.0) == Question(home.epoch, None)
+    assert (receiver.state, receiver.states) == ("live", 1)
+    write(home._buffer, 3)
+    message = home.next()
+    assert message is not None
+    receiver.take(message, 0.1)
+    receiver.take(message, 0.1)
+    assert receiver.question(0.1) is None
+    assert (receiver.state, receiver.commits) == ("live", 3)
+    assert state_of(receiver._buffer) == state_of(home._buffer)
+    assert kinds(receiver) == ["catching up", "live"]
+
+
+def test_a_gap_is_asked_for_once_and_later_commits_are_kept(home: Sender) -> None:
+    receiver = new_mirror()
+    receiver.take(home.head(), 0.0)
+    answered(receiver, home, 0.0)
+    sent = []
+    for _ in range(3):
+        write(home._buffer, 2)
+        sent.append(home.next())
+    receiver.take(sent[2] or b"", 0.1)
+    assert receiver.state == "catching up"
+    question = receiver.question(0.1)
+    assert question == Question(home.epoch, 10)
+    assert receiver.question(0.2) is None, "one at a time"
+    receiver.take(sent[0] or b"", 0.2)
+    receiver.take(sent[1] or b"", 0.2)
+    assert (receiver.state, receiver.commits) == ("live", 6)
+    for message in home.answer(question):
+        receiver.take(message, 0.3)
+    receiver.answered(0.3)
+    assert (receiver.state, receiver.states) == ("live", 1)
+
+
+def test_a_head_shows_that_commits_were_lost(home: Sender) -> None:
+    receiver = new_mirror()
+    receiver.take(home.head(), 0.0)
+    answered(receiver, home, 0.0)
+    write(home._buffer, 2)
+    home.next()
+    receiver.take(home.head(), 0.5)
+    assert receiver.state == "catching up"
+    answered(receiver, home, 0.5)
+    assert (receiver.state, receiver.commits, receiver.states) == ("live", 2, 1)
+
+
+def test_unanswered_questions_come_slower_and_slower(home: Sender) -> None:
+    receiver = new_mirror()
+    receiver.take(home.head(), 0.0)
+    times, now = [], 0.0
+    while now < 20:
+        if receiver.question(now) is not None:
+            times.append(now)
+            receiver.answered(now)
+        now += 0.01
+    pauses = [b - a for a, b in pairwise(times)]
+    assert 10 < len(times) < 25
+    assert pauses[0] < 0.1
+    assert max(pauses) <= 2.02
+    answered(receiver, home, now + 5)
+    assert receiver.state == "live"
+
+
+def test_a_mirror_of_a_lapped_home_takes_a_state(home: Sender) -> None:
+    receiver = new_mirror()
+    receiver.take(home.head(), 0.0)
+    answered(receiver, home, 0.0)
+    write(home._buffer, 20_000)
+    message = home.next()
+    assert message is not None
+    assert home.lapped == 20_000
+    receiver.take(message, 0.1)
+    answered(receiver, home, 0.1)
+    assert (receiver.state, receiver.states) == ("live", 2)
+    assert state_of(receiver._buffer) == state_of(home._buffer)
+
+
+def test_a_state_in_parts_is_applied_when_the_last_came(
+    home: Sender, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        sending, "state_messages", lambda *each: messages.state_messages(*each, limit=100)
+    )
+    parts = home.answer(Question(home.epoch, None))[1:]
+    assert len(parts) > 3
+    receiver = new_mirror()
+    receiver.take(home.head(), 0.0)
+    assert receiver.question(0.0) is not None
+    for part in parts[1:]:
+        receiver.take(part, 0.0)
+        receiver.take(part, 0.0)
+    assert receiver.position is None
+    receiver.answered(0.0)
+    assert receiver.question(5.0) is not None
+    receiver.take(parts[0], 5.0)
+    receiver.answered(5.0)
+    assert receiver.position is None, "parts of two answers make no state"
+    assert receiver.question(10.0) is not None
+    for part in reversed(parts):
+        receiver.take(part, 10.0)
+    receiver.answered(10.0)
+    assert receiver.state == "live"
+    assert state_of(receiver._buffer) == state_of(home._buffer)
+
+
+def test_a_silent_home_and_one_without_its_token_are_stale(home: Sender) -> None:
+    receiver = new_mirror()
+    receiver.find_home(home.epoch, 0.0)
+    assert receiver.state == "catching up"
+    answered(receiver, home, 0.0)
+    receiver.lose_home(Epoch(1, b"x" * 16), 0.5)
+    assert receiver.state == "live"
+    receiver.lose_home(home.epoch, 1.0)
+    assert (receiver.state, receiver.since) == ("stale", 0.0)
+    receiver.take(home.head(), 2.0)
+    assert receiver.state == "live"
+    receiver.tick(2.0 + receiving.SILENCE)
+    assert receiver.state == "live"
+    receiver.tick(2.1 + receiving.SILENCE)
+    assert receiver.state == "stale"
+
+
+def test_a_later_home_rewinds_a_mirror_that_is_beyond_the_fork(home: Sender) -> None:
+    ahead, behind = new_mirror(), new_mirror()
+    for receiver in (ahead, behind):
+        receiver.take(home.head(), 0.0)
+        answered(receiver, home, 0.0)
+    write(home._buffer, 2)
+    message = home.next() or b""
+    ahead.take(message, 0.1)
+    promoted = Sender(behind._buffer, Epoch(6, b"f" * 16), home.epoch, 10)
+    third = new_mirror()
+    third.take(home.head(), 0.1)
+    third.take(promoted.head(), 0.1)
+    third.take(message, 0.1)
+    assert third.outdated == 1
+    for receiver in (ahead, third):
+        receiver.take(promoted.head(), 0.2)
+        answered(receiver, promoted, 0.2)
+        assert receiver.position is not None
+        assert receiver.position.epoch == promoted.epoch
+        assert state_of(receiver._buffer) == state_of(behind._buffer)
+    assert kinds(ahead) == ["catching up", "live", "catching up", "rewound", "live"]
+    assert kinds(third) == ["catching up", "live"]
+    promoted.close()
+
+
+def test_two_homes_answer_and_the_later_one_counts(home: Sender) -> None:
+    other = tfdb.Buffer()
+    write(other, 3)
+    later = Sender(other, Epoch(5, b"f" * 16))
+    for order in ((home, later), (later, home)):
+        receiver = new_mirror()
+        receiver.find_home(home.epoch, 0.0)
+        question = receiver.question(0.0)
+        assert question is not None
+        for sender in order:
+            for message in sender.answer(question):
+                receiver.take(message, 0.0)
+        receiver.answered(0.0)
+        assert receiver.position is not None
+        assert (receiver.position.epoch, receiver.state) == (later.epoch, "live")
+        assert state_of(receiver._buffer) == state_of(other)
+    later.close()
+
+
+def test_a_state_that_cannot_be_stored_is_refused_until_it_can(home: Sender) -> None:
+    into = tfdb.Buffer()
+    into.set_static_transform("frame0", "map", *pose(1))
+    receiver = new_mirror(into)
+    receiver.take(home.head(), 0.0)
+    answered(receiver, home, 0.0)
+    assert (receiver.position, receiver.refused, receiver.state) == (None, 1, "catching up")
+    answered(receiver, home, 5.0)
+    assert receiver.refused == 2
+    assert kinds(receiver) == ["catching up", "refused"], "each cause is told once"
+    into.remove_frames("map")
+    answered(receiver, home, 10.0)
+    assert receiver.state == "live"
+
+
+def test_an_error_of_the_own_store_ends_the_mirror(home: Sender) -> None:
+    into = tfdb.Buffer()
+    receiver = new_mirror(into)
+    receiver.take(home.head(), 0.0)
+    question = receiver.question(0.0)
+    assert question is not None
+    into.close()
+    head, state = home.answer(question)
+    receiver.take(head, 0.0)
+    with pytest.raises(tfdb.errors.BufferClosed):
+        receiver.take(state, 0.0)
+
+
+def test_damaged_messages_change_nothing(home: Sender) -> None:
+    write(home._buffer, 1)
+    kept = [home.head(), home.next() or b"", *home.answer(Question(home.epoch, None))]
+    kept += messages.state_messages(home.epoch, 10, b"x" * 300, limit=100)
+    receiver = new_mirror()
+    count = 0
+    for whole in kept:
+        for at in range(len(whole)):
+            broken = bytearray(whole)
+            broken[at] ^= 0x41
+            for data in (bytes(broken), whole[:at], whole + b"\0"):
+                receiver.take(data, 0.0)
+                count += 1
+    assert (receiver.refused, receiver.known, receiver.state) == (count, NONE, "absent")
+    assert receiver._buffer.commit == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "reason"),
+    [
+        (5, b"x" * 8, "unknown kind 5"),
+        (3, b"x" * 39, "a head has another size"),
+        (3, b"\xff" * 40, "beyond 2\\^44"),
+        (4, bytes(8) + b"\1\0\0\0\1\0\0\0x", "part 1 of 1"),
+        (4, bytes(8) + b"\0\0\0\0\1\x10\0\0x", "part 0 of 4097"),
+        (4, bytes(16), "of 0 bytes"),
+        (1, b"\0\0\0\0" + b"\x80" * 60, "more than ten bytes"),
+        (2, b"", "cut short"),
+    ],
+)
+def test_sealed_messages_are_judged(kind: int, body: bytes, reason: str) -> None:
+    with pytest.raises(tfdb.errors.CorruptMessage, match=reason):
+        messages.message_of(messages._sealed(kind, Epoch(3, b"i" * 16), body))
+    with pytest.raises(tfdb.errors.CorruptMessage, match=r"below 2\^63"):
+        messages.message_of(messages._sealed(3, Epoch(1 << 63, bytes(16)), bytes(40)))
+
+
+def test_questions_and_epochs_as_text() -> None:
+    epoch = Epoch(12, bytes(range(16)))
+    for question in (Question(epoch, 7), Question(epoch, None)):
+        read = dict(part.split("=") for part in str(question).split(";"))
+        assert messages.question_of(read.get("since"), read.get("epoch")) == question
+    for since, text in (("-1", "1-" + "0" * 32), ("1", "1-00"), ("1", ""), ("٣", "1-" + "0" * 32)):
+        with pytest.raises(ValueError, match="is not"):
+            messages.question_of(since, text)
+
+
+def test_the_epoch_of_a_new_home() -> None:
+    private = tfdb.Buffer()
+    write(private, 1)
+    assert epoch_for(private, SOURCE, []) > private.epoch
+    name = f"tfdb_net_{os.getpid()}"
+    shared = tfdb.Buffer.open(name, create=True, size=1 << 25)
+    try:
+        assert epoch_for(shared, SOURCE, []) == shared.epoch
+        assert epoch_for(shared, SOURCE, [Epoch(3, bytes(16)), shared.epoch]) == shared.epoch
+        later = Epoch(1 << 62, bytes(16))
+        assert epoch_for(shared, SOURCE, [later]).number == later.number + 1
+        shared.apply(private.commits_bytes(0), source=SOURCE)
+        assert epoch_for(shared, "other", []) == shared.epoch
+        assert epoch_for(shared, SOURCE, []) > shared.epoch, "it was a mirror: its log may fork"
+    finally:
+        shared.close()
+        tfdb.Buffer.unlink(name)

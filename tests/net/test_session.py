@@ -1,0 +1,259 @@
+"""`tfdb.net` over Zenoh: endpoints, two processes, kills."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import tfdb
+import tfdb.net
+from tests.net.conftest import LONGEST, free_endpoint, needs_zenoh
+from tests.net.test_home_and_mirror import wait_for, wait_for_commit
+from tests.recorder.reading import state_of
+from tests.test_changes import pose
+
+pytestmark = needs_zenoh
+NAME = "robot1"
+
+CHILD = """
+import sys, tfdb, tfdb.net
+store, endpoint = sys.argv[1:]
+with (
+    tfdb.Buffer.open(store, size=1 << 25) as buf,
+    tfdb.net.Session(connect=endpoint) as session,
+    tfdb.net.publish(buf, "robot1", session=session) as home,
+):
+    print("ready", flush=True)
+    for line in sys.stdin:
+        for number in range(int(line)):
+            buf.set_transform("map", "base", buf.commit, (buf.commit + 1, 2, 3), (0, 0, 0, 1))
+        print(buf.commit, flush=True)
+"""
+
+
+class Child:
+    """A process that publishes a shared store."""
+
+    def __init__(self, store: str, endpoint: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", CHILD, store, endpoint],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.read() == "ready"
+
+    def read(self) -> str:
+        """A line of its output."""
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def write(self, count: int) -> int:
+        """Let it commit; returns its last commit."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{count}\n")
+        self.process.stdin.flush()
+        return int(self.read())
+
+    def end(self, number: int) -> None:
+        """End it by a signal."""
+        self.process.send_signal(number)
+        self.process.wait(LONGEST)
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+
+def test_a_home_in_another_process_is_killed_and_begun_again(store_name: str) -> None:
+    endpoint = free_endpoint()
+    copy = tfdb.Buffer()
+    with (
+        tfdb.net.Session(listen=endpoint) as session,
+        tfdb.net.mirror(NAME, into=copy, session=session) as mirror,
+        mirror.events() as events,
+    ):
+        for _ in range(3):
+            child = Child(store_name, endpoint)
+            try:
+                wait_for_commit(mirror, child.write(500))
+                mirror.wait_until_live(LONGEST)
+            finally:
+                child.end(signal.SIGKILL)
+            wait_for(events, "stale")
+            with tfdb.Buffer.open(store_name, mode="r") as store:
+                assert state_of(copy) == state_of(store)
+        assert mirror.stats.states == 1, "the store outlives its process, and so does the epoch"
+
+
+def test_a_router_that_is_begun_again(store_name: str) -> None:
+    """The home's session and the mirror's connect again by themselves."""
+    endpoint = free_endpoint()
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    router = tfdb.net.Session(listen=endpoint)
+    with (
+        tfdb.net.Session(connect=endpoint) as here,
+        tfdb.net.Session(connect=endpoint) as there,
+        tfdb.net.publish(source, NAME, session=here),
+        tfdb.net.mirror(NAME, into=copy, session=there) as mirror,
+        mirror.events() as events,
+    ):
+        mirror.wait_until_live(LONGEST)
+        router.close()
+        wait_for(events, "stale")
+        source.set_transform("map", "base", 10, *pose(1))
+        with tfdb.net.Session(listen=endpoint):
+            wait_for(events, "live")
+            wait_for_commit(mirror, source.commit)
+            assert state_of(copy) == state_of(source)
+
+
+def test_a_namespace_has_one_home() -> None:
+    endpoint = free_endpoint()
+    first, second = tfdb.Buffer(), tfdb.Buffer()
+    with (
+        tfdb.net.Session(listen=endpoint) as here,
+        tfdb.net.Session(connect=endpoint) as there,
+        tfdb.net.publish(first, NAME, session=here) as home,
+    ):
+        with pytest.raises(tfdb.errors.StoreExists, match=r"has a home.*take_over=True") as caught:
+            tfdb.net.publish(second, NAME, session=there)
+        assert caught.value.path == NAME
+        with tfdb.net.publish(second, NAME, session=there, take_over=True) as later:
+            assert later.epoch > home.epoch
+            assert wait_for(home.events(), "fenced").before is None
+
+
+def test_a_new_home_is_later_than_the_last_home_of_its_mirrors() -> None:
+    """Also if its clock, and so its store's epoch, is behind."""
+    endpoint = free_endpoint()
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    late = tfdb.data.types.Epoch(1 << 62, bytes(16))
+    with (
+        tfdb.net.Session(listen=endpoint) as session,
+        tfdb.net.mirror(NAME, into=copy, session=session) as mirror,
+        mirror.events() as events,
+    ):
+        with tfdb.net.Home(source, NAME, session.link, late):
+            mirror.wait_until_live(LONGEST)
+        wait_for(events, "stale")
+        with tfdb.net.publish(source, NAME, session=session) as home:
+            assert home.epoch.number == late.number + 1
+            wait_for(events, "live")
+
+
+def test_a_large_state_comes_in_parts() -> None:
+    endpoint = free_endpoint()
+    source, copy = tfdb.Buffer(history=None), tfdb.Buffer(history=None)
+    source.set_transforms(
+        [
+            tfdb.TransformStamped("map", f"frame{i}", j, *pose(i + j))
+            for i in range(2000)
+            for j in range(20)
+        ]
+    )
+    with (
+        tfdb.net.Session(listen=endpoint) as session,
+        tfdb.net.Session(connect=endpoint) as there,
+        tfdb.net.publish(source, NAME, session=session),
+        tfdb.net.mirror(NAME, into=copy, session=there) as mirror,
+    ):
+        mirror.wait_until_live(LONGEST)
+        assert state_of(copy) == state_of(source)
+        assert len(state_of(source)) > 1 << 20
+        assert (mirror.stats.states, mirror.stats.refused) == (1, 0)
+
+
+def test_bytes_of_others_on_the_keys_are_refused() -> None:
+    import zenoh
+
+    endpoint = free_endpoint()
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    config = zenoh.Config()
+    for key, value in (("mode", '"client"'), ("connect/endpoints", f'["{endpoint}"]')):
+        config.insert_json5(key, value)
+    with (
+        tfdb.net.Session(listen=endpoint) as session,
+        tfdb.net.publish(source, NAME, session=session) as home,
+        tfdb.net.mirror(NAME, into=copy, session=session) as mirror,
+        mirror.events() as events,
+        zenoh.open(config) as other,
+    ):
+        mirror.wait_until_live(LONGEST)
+        other.put(f"tfdb/1/{NAME}/log", b"hello")
+        assert "cut short" in wait_for(events, "refused").text
+        for query in ("feed", "feed?since=x", "feed?since=1;epoch=1-zz", "state?epoch="):
+            assert list(other.get(f"tfdb/1/{NAME}/{query}", timeout=5)) == []
+        source.set_transform("map", "base", 20, *pose(2))
+        wait_for_commit(mirror, source.commit)
+        assert (mirror.state, home.state, mirror.stats.refused) == ("live", "publishing", 1)
+
+
+@pytest.mark.parametrize(
+    ("where", "text"),
+    [
+        ({"connect": "10.0.0.1"}, "connect has endpoints such as tcp/127"),
+        ({"listen": 7}, "is not iterable|listen has endpoints"),
+        ({"listen": [7]}, "listen has endpoints such as tcp/127"),
+        ({"connect": "tcp/127.0.0.1:1", "config": "x.json5"}, "config is given without"),
+    ],
+)
+def test_wrong_endpoints(where: Any, text: str) -> None:
+    with pytest.raises((tfdb.InvalidArgument, TypeError), match=text):
+        tfdb.net.Session(**where)
+
+
+def test_configuration_of_zenoh(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    path = tmp_path / "zenoh.json5"
+    path.write_text('{mode: "client", connect: {endpoints: ["' + endpoint + '"]}}')
+    with tfdb.net.Session(listen=endpoint), tfdb.net.Session(config=path) as session:
+        assert session.link.tokens(NAME) == []
+    path.write_text("{")
+    with pytest.raises(tfdb.InvalidArgument, match="must be a file of Zenoh's configuration"):
+        tfdb.net.Session(config=path)
+    with pytest.raises(FileNotFoundError, match=r"missing\.json5"):
+        tfdb.net.Session(config=tmp_path / "missing.json5")
+
+
+def test_a_router_that_is_not_there_and_an_endpoint_that_is_taken() -> None:
+    endpoint = free_endpoint()
+    with pytest.raises(ConnectionError, match=f"no Zenoh router at {endpoint}"):
+        tfdb.net.Session(connect=endpoint)
+    with tfdb.net.Session(listen=endpoint) as session:
+        assert repr(session) == f"<tfdb.net.Session at {endpoint}>"
+        with pytest.raises(ConnectionError, match="the endpoint is taken"):
+            tfdb.net.Session(listen=endpoint)
+    session.close()
+    with pytest.raises(TypeError, match=r"session is a tfdb\.net\.Session"):
+        tfdb.net.publish(tfdb.Buffer(), NAME, session=7)  # type: ignore[arg-type]
+
+
+def test_nothing_listens_unless_asked() -> None:
+    endpoint = free_endpoint()
+    with tfdb.net.Session(listen=endpoint):
+        before = listening()
+        with tfdb.net.Session(connect=endpoint):
+            assert listening() == before
+        assert [address for address in before if not address.startswith("0100007F")] == []
+
+
+def listening() -> set[str]:
+    """Addresses at which this process listens or that it has bound, of TCP and UDP."""
+    inodes = set()
+    for each in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):  # that of the listing
+            inodes.add(str(each.readlink()))
+    found = set()
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            parts = line.split()
+            if f"socket:[{parts[9]}]" in inodes and (table[:3] == "udp" or parts[3] == "0A"):
+                found.add(parts[1])
+    return found

@@ -1,0 +1,320 @@
+"""Homes and mirrors in a network that loses, doubles, delays and reorders, step by step.
+
+Every state that a mirror shows is compared with what the home of its epoch had at that commit.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import tfdb
+from tests.recorder.reading import state_of
+from tests.test_changes import Writer
+from tfdb.data.types import Epoch
+from tfdb.net.events import EventLog
+from tfdb.net.messages import NONE
+from tfdb.net.receiving import Receiver
+from tfdb.net.sending import Sender
+
+if TYPE_CHECKING:
+    from tfdb.net.messages import Question
+
+SOURCE = "robot1"
+
+
+class BrokenPromiseError(AssertionError):
+    """A promise of the protocol is broken."""
+
+
+@dataclass
+class Node:
+    """A process with a store, which is a home, a mirror, or dead."""
+
+    number: int
+    buffer: tfdb.Buffer
+    log: EventLog = field(default_factory=lambda: EventLog(SOURCE))
+    sender: Sender | None = None
+    receiver: Receiver | None = None
+    was_mirror: bool = False
+    was_home: bool = False
+    life: int = 0
+    seen: tuple[Epoch, int] = (NONE, 0)
+    """The last position that its store has shown."""
+    read: int = 0
+
+
+class World:
+    """Three nodes. Threads: one."""
+
+    def __init__(self, seed: int, *, calm: bool = False) -> None:
+        self.random = random.Random(seed)
+        self.writer = Writer(seed)
+        self.loss = 0.0 if calm else self.random.choice([0.0, 0.05, 0.3])
+        self.sight = 0.7
+        """How probably a new home sees a token."""
+        self.now = 0.0
+        self.flight: list[tuple[int, int, str, Any]] = []
+        """What is under way: to which node in which life, what it is, and that."""
+        self.history: dict[tuple[Epoch, int], bytes] = {}
+        self.forks: dict[Epoch, tuple[Epoch, int]] = {}
+        self.checked = self.rewound = 0
+        self.fenced = 0
+        self.nodes = [Node(number, self.new_store()) for number in range(3)]
+        self.begin_home(self.nodes[0], NONE, 0)
+        for node in self.nodes[1:]:
+            self.begin_mirror(node)
+
+    def new_store(self) -> tfdb.Buffer:
+        """Make a store that keeps all."""
+        return tfdb.Buffer(history=None)
+
+    # -- lives -------------------------------------------------------------------------------------
+
+    def next_epoch(self, node: Node) -> Epoch:
+        """As `epoch_for` of a store that outlives its process; some tokens are not seen."""
+        others = [each for each in self.nodes if each is node or self.random.random() < self.sight]
+        seen = [NONE, *(each.sender.epoch for each in others if each.sender)]
+        seen += [each.receiver.known for each in others if each.receiver]
+        seen += [each.epoch for each in node.buffer.positions()]
+        own = Epoch(1, node.buffer.epoch.id)
+        if not node.was_mirror and own >= max(seen):
+            return own
+        return Epoch(max(seen).number + 1, self.random.randbytes(16))
+
+    def begin_home(self, node: Node, previous: Epoch, fork: int) -> None:
+        """Let a node be a home."""
+        node.receiver, node.was_home = None, True
+        epoch = self.next_epoch(node)
+        node.sender = Sender(node.buffer, epoch, previous, fork)
+        node.life += 1
+        self.forks.setdefault(epoch, (previous, fork))
+        self.note(node)
+        self.tell(node, alive=True)
+
+    def begin_mirror(self, node: Node) -> None:
+        """Let a node be a mirror."""
+        node.sender = None
+        node.log, node.read = EventLog(SOURCE), 0
+        node.receiver = Receiver(
+            node.buffer, SOURCE, "", (), node.log, random.Random(self.random.random())
+        )
+        node.was_mirror = True
+        node.life += 1
+        for other in self.nodes:
+            if other.sender is not None:
+                self.send(node, "token", (other.sender.epoch, True))
+
+    def kill(self, node: Node) -> None:
+        """End a process; its store stays."""
+        if node.sender is not None:
+            self.tell(node, alive=False)
+            node.sender.close()
+        node.sender = node.receiver = None
+        node.life += 1
+
+    def rise(self, node: Node) -> None:
+        """Begin a process again: on its store, or on an empty one."""
+        if node.was_home and self.random.random() < 0.6:
+            self.begin_home(node, NONE, 0)
+            return
+        if node.was_home or self.random.random() < 0.3:
+            self.empty(node)
+        self.begin_mirror(node)
+
+    def empty(self, node: Node) -> None:
+        """Give a node a new store."""
+        node.buffer, node.seen = self.new_store(), (NONE, 0)
+        node.was_mirror = node.was_home = False
+
+    def promote(self, node: Node) -> None:
+        """Make a mirror the home."""
+        assert node.receiver is not None
+        position = node.receiver.position
+        if position is not None:
+            self.begin_home(node, position.epoch, position.commit)
+
+    # -- the network -------------------------------------------------------------------------------
+
+    def send(self, node: Node, kind: str, what: Any) -> None:
+        """Send something to a node: once, twice or never."""
+        times = 1
+        if kind == "log":
+            times = 0 if self.random.random() < self.loss else 1
+            times += self.random.random() < self.loss / 2
+        self.flight += [(node.number, node.life, kind, what)] * times
+
+    def tell(self, home: Node, *, alive: bool) -> None:
+        """Tell all others of a home's token."""
+        assert home.sender is not None
+        for node in self.nodes:
+            if node is not home:
+                self.send(node, "token", (home.sender.epoch, alive))
+
+    def deliver(self) -> None:
+        """Deliver one thing that is under way."""
+        if not self.flight:
+            return
+        at = self.random.randrange(min(len(self.flight), 12))  # none waits for ever
+        number, life, kind, what = self.flight.pop(at)
+        node = self.nodes[number]
+        if kind == "question":
+            self.answer(node, life, what)
+        elif node.life != life:
+            return
+        elif node.sender is not None and kind == "token":
+            self.meet(node, what[0] if what[1] else NONE)
+        elif node.receiver is not None:
+            self.feed(node, node.receiver, kind, what)
+            self.check(node)
+
+    def feed(self, node: Node, receiver: Receiver, kind: str, what: Any) -> None:
+        """Give a mirror what came."""
+        if kind == "log":
+            receiver.take(what, self.now)
+        elif kind == "token":
+            (receiver.find_home if what[1] else receiver.lose_home)(what[0], self.now)
+        else:
+            for each in what:
+                receiver.take(each, self.now)
+                self.check(node)
+            receiver.answered(self.now)
+
+    def answer(self, asker: Node, life: int, question: Question) -> None:
+        """Let all homes answer."""
+        found: list[list[bytes]] = []
+        for node in self.nodes:
+            if node.sender is None or self.random.random() < self.loss:
+                continue
+            self.meet(node, question.epoch)
+            if node.sender is not None:
+                found.append(node.sender.answer(question))
+        self.random.shuffle(found)
+        messages = [each for part in found for each in part if self.random.random() >= self.loss]
+        self.flight.append((asker.number, life, "answer", messages))
+
+    def meet(self, home: Node, epoch: Epoch) -> None:
+        """Let a home hear of an epoch: of a later one it steps down."""
+        if home.sender is not None and epoch > home.sender.epoch:
+            self.fenced += 1
+            self.kill(home)
+
+    # -- steps -------------------------------------------------------------------------------------
+
+    def write(self, home: Node) -> None:
+        """Commit something to a home."""
+        self.writer.act(home.buffer)
+        self.note(home)
+
+    def pump(self, home: Node) -> None:
+        """Send what is next, or a head."""
+        assert home.sender is not None
+        message = home.sender.next() if self.random.random() < 0.8 else home.sender.head()
+        for node in self.nodes:
+            if message is not None and node is not home:
+                self.send(node, "log", message)
+
+    def ask(self, node: Node) -> None:
+        """Let a mirror ask what is due."""
+        assert node.receiver is not None
+        node.receiver.tick(self.now)
+        question = node.receiver.question(self.now)
+        if question is not None:
+            self.flight.append((node.number, node.life, "question", question))
+        self.check(node)
+
+    def step(self) -> None:
+        """Do one random thing."""
+        self.now += 0.02
+        node = self.random.choice(self.nodes)
+        chance = self.random.random()
+        if chance < 0.5:
+            self.deliver()
+        elif node.sender is not None:
+            if chance < 0.996:
+                (self.write if chance < 0.7 else self.pump)(node)
+            else:
+                self.kill(node)
+        elif node.receiver is not None:
+            if chance < 0.992:
+                self.ask(node)
+            elif chance < 0.996:
+                self.kill(node)
+            else:
+                self.promote(node)
+        elif chance > 0.9:
+            self.rise(node)
+
+    def settle(self) -> None:
+        """Mend the network, and end all homes but one: all mirrors must come to its last commit."""
+        self.loss, self.sight = 0.0, 1.0
+        homes = [node for node in self.nodes if node.sender is not None]
+        for node in homes:
+            self.meet(node, max(each.sender.epoch for each in homes if each.sender is not None))
+        home = next((node for node in homes if node.sender is not None), self.nodes[0])
+        known = [node.receiver.known for node in self.nodes if node.receiver is not None]
+        if home.sender is None or max(known, default=NONE) > home.sender.epoch:
+            self.kill(home)  # its user begins it again
+            self.begin_home(home, NONE, 0)
+        for node in self.nodes:
+            if node.sender is None and node.receiver is None:
+                self.empty(node)
+                self.begin_mirror(node)
+        for _ in range(1500):
+            self.now += 0.02
+            self.deliver()
+            for node in self.nodes:
+                if node.receiver is not None:
+                    self.ask(node)
+                elif node.sender is not None and not self.flight:
+                    self.pump(node)
+        assert home.sender is not None
+        for node in self.nodes:
+            if node.receiver is None:
+                continue
+            place = (home.sender.epoch, home.buffer.commit)
+            if node.seen != place or node.receiver.state != "live":
+                raise BrokenPromiseError(f"{node.seen}, {node.receiver.state}: not at {place}")
+
+    # -- what must hold ----------------------------------------------------------------------------
+
+    def note(self, home: Node) -> None:
+        """Note the state of a home."""
+        assert home.sender is not None
+        place = home.sender.epoch, home.buffer.commit
+        state = state_of(home.buffer)
+        if self.history.setdefault(place, state) != state:
+            raise BrokenPromiseError(f"two homes have another state at {place}")
+
+    def check(self, node: Node) -> None:
+        """Compare what a mirror shows with what its home had."""
+        found = node.buffer.positions()
+        if not found:
+            return
+        position = found[0]
+        place, before = (position.epoch, position.commit), node.seen
+        if place == before:
+            return
+        self.checked += 1
+        if place < before:
+            raise BrokenPromiseError(f"{before} is followed by {place}")
+        if self.history.get(place) != state_of(node.buffer):
+            raise BrokenPromiseError(f"at {place} the mirror shows what no home had")
+        node.seen = place
+        events = []
+        while True:
+            node.read, event = node.log.after(node.read)
+            if event is None:
+                break
+            events.append(event)
+        previous, fork = self.forks[place[0]]
+        goes_on = previous == before[0] and before[1] <= fork
+        if before[0] not in (NONE, place[0]) and not goes_on:
+            self.rewound += 1
+            told = [
+                each.after for each in events if (each.kind, each.before) == ("rewound", before)
+            ]
+            # Commits that it kept may follow at once.
+            if not any(after and after[0] == place[0] and after <= place for after in told):
+                raise BrokenPromiseError(f"from {before} to {place} without a word: {events}")
