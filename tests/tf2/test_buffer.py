@@ -153,7 +153,7 @@ def test_a_timeout_names_the_missing_data_and_the_waited_time(buffer: tf2.Buffer
             with pytest.raises(tf2.TimeoutException) as caught:
                 wait()
             text = str(caught.value)
-            assert text.startswith(f"Timed out waiting for transform from {named}; waited 0.0")
+            assert text.startswith(f"Timed out waiting for transform from {named}; waited ")
             assert missing in text
             assert text.endswith("; check that its publishers run, or wait longer")
             error = caught.value
