@@ -3,6 +3,8 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include <unistd.h>
 
@@ -15,6 +17,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -283,6 +286,14 @@ std::optional<double> history(const BufferObject& self) {
     return kept ? std::optional(clock::to_seconds(*kept)) : std::nullopt;
 }
 
+void enforce(BufferObject& self,
+             const std::vector<std::tuple<std::string, std::string, StampNs, std::string>>& given) {
+    std::vector<Lifespan> lifespans;
+    for (const auto& [parent, child, limit, expectation] : given)
+        lifespans.push_back({parent, child, limit, expectation});
+    self.store.enforce(lifespans);
+}
+
 std::string_view concurrency(const BufferObject& self) {
     return concurrency_name(self.store.concurrency());
 }
@@ -528,6 +539,10 @@ void bind_buffer(nb::module_& module) {
         },
         nb::sig("def _clock(self) -> collections.abc.Callable[[], int] | None"),
         "The function of the time, nanoseconds; None: the system's clock.");
+    type.def(
+        "_enforce", &enforce, nb::arg("lifespans"),
+        nb::sig("def _enforce(self, lifespans: list[tuple[str, str, int, str]]) -> None"),
+        "Refuse lookups over edges that are older: parent, child, nanoseconds, name in errors.");
     type.def("__repr__", &represent);
     bind_shared(module);
     bind_frozen(module, type);

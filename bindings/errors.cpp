@@ -75,6 +75,7 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     set_text(error, "parent", detail.parent);
     set_text(error, "frame", detail.frame);
     set_text(error, "authority", detail.authority);
+    set_text(error, "expectation", detail.expectation);
     set_text(error, "reason", detail.reason);
     set_text(error, "path", detail.path);
     set_number(error, "stamp", detail.stamp);

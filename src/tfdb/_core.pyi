@@ -1271,6 +1271,11 @@ class NativeBuffer(Reads):
     def _clock(self) -> Callable[[], int] | None:
         """The function of the time, nanoseconds; None: the system's clock."""
 
+    def _enforce(self, lifespans: list[tuple[str, str, int, str]]) -> None:
+        """
+        Refuse lookups over edges that are older: parent, child, nanoseconds, name in errors.
+        """
+
     def __repr__(self) -> str: ...
 
     @property

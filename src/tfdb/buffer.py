@@ -183,15 +183,19 @@ class Buffer(Freezable, _core.NativeBuffer):
         return made
 
     @overload
-    def expect(self, parent: Expectations) -> Installed: ...
+    def expect(self, parent: Expectations, *, enforce: bool = ...) -> Installed: ...
 
     @overload
-    def expect(self, parent: str, child: str, **limits: Unpack[Limits]) -> Installed: ...
+    def expect(
+        self, parent: str, child: str, *, enforce: bool = ..., **limits: Unpack[Limits]
+    ) -> Installed: ...
 
     def expect(
         self,
         parent: str | Expectations,
         child: str | None = None,
+        *,
+        enforce: bool = False,
         **limits: Unpack[Limits],
     ) -> Installed:
         """Judge the commits from now on, until `remove()`: an event begins where a limit is broken.
@@ -210,6 +214,10 @@ class Buffer(Freezable, _core.NativeBuffer):
         parent, child
             Names of the edges, which may contain `*`. An edge that is named in full is `missing`
             until it has a sample. Instead of both: Expectations, as of a file.
+        enforce
+            Let lookups of this buffer, its snapshots and its transactions raise Stale over an edge
+            whose lifespan is over, at any stamp. The age is that of the edge's newest sample in the
+            state that is read, by the store's `clock`.
         **limits
             Fields of `tfdb.judging.Limits`, with the units of docs/howto/expectations.md.
 
@@ -222,14 +230,16 @@ class Buffer(Freezable, _core.NativeBuffer):
         ------
         InvalidArgument
             A limit is not valid, or contradicts what is installed: the same edge or authority, a
-            second default, another parent of a child, or another clock.
+            second default, another parent of a child, or another clock. With `enforce`: no
+            limit is a lifespan, ages count from arrivals, or the buffer has a `clock=` of its own.
         NotSupported
             This process may not wait for commits of the store, or its engine keeps no feed.
         BufferClosed, TransactionActive
         """
         from tfdb.judging.buffer_expectations import expectations_of
 
-        return _buffer(self).expectations._add(expectations_of(parent, child, limits))
+        wanted = expectations_of(parent, child, limits)
+        return _buffer(self).expectations._add(wanted, enforce=enforce)
 
     def events(self, *, max_pending: int = 1000) -> EventStream:
         """Return a stream of the events that follow: each once, in their order.

@@ -68,6 +68,7 @@ struct ErrorDetail {
     std::string frame;                  // the one frame that the error is about
     std::string authority;              // name of the writer
     std::vector<std::string> frames;    // children in use, frames of a cycle, or the two roots
+    std::string expectation;            // whose lifespan is over
     std::string reason;                 // "past", "future", "no data", or which field and why
     std::optional<std::int64_t> stamp;  // asked or refused, ns
     // Stamps; commits where changes were asked for.

@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "tfdb/engines/retry.hpp"
+#include "tfdb/store/freshness.hpp"
 #include "tfdb/store/question_resolver.hpp"
 #include "tfdb/store/transaction_in.hpp"
 #include "tfdb/store/writes.hpp"
@@ -28,7 +29,10 @@ public:
             const auto find = [&](std::string_view name) {
                 return store_.names.find(name, view.commit());
             };
-            return QuestionResolver(view, find, question).answer(answer, failure);
+            const auto name_of = [&](FrameId id) { return store_.names.name(id); };
+            const lookup::Outcome found =
+                QuestionResolver(view, find, question).answer(answer, failure);
+            return unless_stale(store_, view, name_of, question, found, failure);
         });
         answer.commit = as_of;
         failure.commit = as_of;

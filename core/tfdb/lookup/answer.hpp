@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "tfdb/base/error.hpp"
@@ -80,6 +81,7 @@ struct Failure {
     StampNs before = -1;
     StampNs after = -1;
     StampNs limit = -1;
+    const std::string* expectation = nullptr;  // of the store: whose lifespan is over
     CommitNumber commit = 0;
 };
 

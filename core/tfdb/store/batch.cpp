@@ -11,6 +11,7 @@
 #include <optional>
 
 #include "tfdb/store/batch_edge.hpp"
+#include "tfdb/store/freshness.hpp"
 #include "tfdb/store/path_stamps.hpp"
 #include "tfdb/store/rows.hpp"
 
@@ -136,8 +137,12 @@ public:
             !lookup::detail::check_frame(view, request_.source, 1, space_.failure)) {
             return Outcome::kFailed;
         }
-        Outcome outcome = Outcome::kMismatch;
-        if (request_.stamps.size() > kFewStamps)
+        Outcome outcome = judge_path(view);
+        if (outcome == Outcome::kLapped)
+            return outcome;
+        stale_ = outcome == Outcome::kFailed;
+        outcome = Outcome::kMismatch;
+        if (request_.stamps.size() > kFewStamps && !stale_)
             outcome = open_path(view);
         if (outcome == Outcome::kLapped)
             return outcome;
@@ -156,6 +161,13 @@ public:
     [[nodiscard]] const std::optional<std::size_t>& refused() const { return refused_; }
 
 private:
+    /// kFailed: a lifespan on the path is over. No stamp then has an answer.
+    Outcome judge_path(const StoreView& view) {
+        const auto name_of = [&](FrameId id) { return store_.names.name(id); };
+        return store::path_unless_stale(store_, view, name_of, request_.target, request_.source,
+                                        space_.failure);
+    }
+
     /// kMismatch: the hints led astray, or an edge is none for kernels.
     Outcome open_path(const StoreView& view) {
         space_.edges.clear();
@@ -230,6 +242,8 @@ private:
     }
 
     Outcome look_up(const StoreView& view, StampNs stamp) {
+        if (stale_)
+            return Outcome::kFailed;
         return lookup::lookup(view, request_.target, request_.source, stamp, request_.policy,
                               space_.answer, space_.failure);
     }
@@ -333,6 +347,7 @@ private:
     const geometry::Kernels& kernels_ = geometry::chosen_kernels();
     bool prepared_ = false;  // the path's edges are open: kernels can read them
     bool missing_ = false;
+    bool stale_ = false;  // then `failure` has the reason
     std::optional<std::size_t> refused_;
     std::optional<bool> only_path_;
 };

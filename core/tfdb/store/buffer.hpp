@@ -276,6 +276,16 @@ struct WriteResult {
     bool busy = false;                     // nothing was stored: it would have had to wait
 };
 
+/// For how long the newest sample of an edge answers. Names may contain `*`, for any text.
+struct Lifespan {
+    std::string parent;
+    std::string child;
+    StampNs limit = 0;
+    std::string expectation{};  // how errors name it
+
+    friend bool operator==(const Lifespan&, const Lifespan&) = default;
+};
+
 enum class Layout : std::uint8_t { kPose, kMatrix };  // rows of 7, or of 16 (4x4 row-major)
 enum class Missing : std::uint8_t { kThrow, kNan };
 
@@ -563,6 +573,12 @@ public:
 
     /// Of all processes that have the store open: see store/clock.hpp.
     [[nodiscard]] Clock clock() const;
+
+    /// From now on lookups of this Buffer, its snapshots and its transactions fail with kStale
+    /// where the newest sample of an edge of the path is older than its lifespan, by the store's
+    /// clock: the first of these that matches. The path is that of the newest tree in the state
+    /// that is read. Threads: one at a time, beside any reads.
+    void enforce(std::span<const Lifespan> lifespans);
 
     /// Throws TransactionActive if this thread has a transaction of the store open: a read beside
     /// it would be of another state, and validation would miss it.

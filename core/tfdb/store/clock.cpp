@@ -53,10 +53,9 @@ std::int64_t left_until(StampNs stamp, const std::optional<ClockSetting>& set) {
                                                 : kForEver;
 }
 
-}  // namespace
-
-std::optional<ClockSetting> Clock::setting() const {
-    const auto words = store::Store::ClockWords(store_->clock_words).read();
+/// None: it follows the system's clock.
+std::optional<ClockSetting> setting_of(const store::Store& store) {
+    const auto words = store::Store::ClockWords(store.clock_words).read();
     if (!words)
         return std::nullopt;
     const auto [time, since, speed, how] = *words;
@@ -73,9 +72,19 @@ std::optional<ClockSetting> Clock::setting() const {
     return is_set ? std::optional(found) : std::nullopt;
 }
 
-StampNs Clock::now() const {
-    const std::optional<ClockSetting> set = setting();
+}  // namespace
+
+StampNs store::now(const Store& store) {
+    const std::optional<ClockSetting> set = setting_of(store);
     return set ? time_of(*set, sync::steady_now()) : system_now();
+}
+
+std::optional<ClockSetting> Clock::setting() const {
+    return setting_of(*store_);
+}
+
+StampNs Clock::now() const {
+    return store::now(*store_);
 }
 
 std::uint64_t Clock::settings() const {

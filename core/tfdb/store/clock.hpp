@@ -14,6 +14,9 @@ using clock::StampNs;
 
 namespace store {
 struct Store;
+
+/// The time of a store's clock.
+[[nodiscard]] StampNs now(const Store& store);
 }  // namespace store
 
 /// What a clock was set to.

@@ -1,6 +1,7 @@
 // The edges of many frames in one call, all in one state.
 #include <optional>
 
+#include "tfdb/store/freshness.hpp"
 #include "tfdb/store/question_resolver.hpp"
 #include "tfdb/store/rows.hpp"
 #include "tfdb/store/store.hpp"
@@ -25,13 +26,16 @@ void Reads::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stam
         const auto find = [&](std::string_view name) {
             return store_->names.find(name, view.commit());
         };
+        const auto name_of = [&](FrameId id) { return store_->names.name(id); };
         bool complete = true;
         for (at = 0; at < frames.size(); ++at) {
             if (at % store::kEdgesBetweenEnds == 0)
                 may_end();
             question.source = frames[at];
-            const Outcome outcome =
+            const Outcome looked_up =
                 store::QuestionResolver(view, find, question).answer(answer, failure);
+            const Outcome outcome =
+                store::unless_stale(*store_, view, name_of, question, looked_up, failure);
             const bool is_there = outcome == Outcome::kOk;
             if (outcome == Outcome::kLapped || (!is_there && missing == Missing::kThrow))
                 return outcome;

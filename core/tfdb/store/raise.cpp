@@ -120,8 +120,21 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
     throw GapTooLarge(message, std::move(c.detail));
 }
 
+[[noreturn]] void raise_expired(Context& c) {
+    const Failure& f = c.failure;
+    c.detail.expectation = *f.expectation;
+    const std::string message =
+        c.path() + " was refused: " + c.edge() + " has its newest sample at " + seconds(f.newest) +
+        ", " + seconds(f.stamp - f.newest) +
+        " before now, more than lifespan = " + seconds(f.limit) + " of the expectation " +
+        quoted(c.detail.expectation) + store::likely_meant(f.stamp, f.newest, f.newest);
+    throw Stale(message, std::move(c.detail));
+}
+
 [[noreturn]] void raise_stale(Context& c) {
     const Failure& f = c.failure;
+    if (f.expectation != nullptr)
+        raise_expired(c);
     const std::string message = c.path() + " at " + seconds(f.stamp) + " was refused: " + c.edge() +
                                 " has its newest usable sample at " + seconds(f.before) + ", " +
                                 seconds(f.stamp - f.before) +

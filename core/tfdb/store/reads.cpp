@@ -1,5 +1,6 @@
 // Lookups of a Buffer or a Snapshot, each from one state.
 #include "tfdb/memory/file.hpp"
+#include "tfdb/store/freshness.hpp"
 #include "tfdb/store/question_resolver.hpp"
 #include "tfdb/store/store.hpp"
 
@@ -43,7 +44,9 @@ bool ask(const Store& store, CommitNumber held, Question& question, Answer& answ
         const auto find = [&](std::string_view name) {
             return store.names.find(name, view.commit());
         };
-        return QuestionResolver(view, find, question).answer(answer, failure);
+        const auto name_of = [&](FrameId id) { return store.names.name(id); };
+        const Outcome found = QuestionResolver(view, find, question).answer(answer, failure);
+        return unless_stale(store, view, name_of, question, found, failure);
     });
     if (outcome == Outcome::kLapped) {
         failure = Failure{};

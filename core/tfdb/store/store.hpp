@@ -18,6 +18,7 @@
 #include "tfdb/store/authorities.hpp"
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/engine.hpp"
+#include "tfdb/store/lifespans.hpp"
 #include "tfdb/store/positions.hpp"
 #include "tfdb/store/transaction_life.hpp"
 #include "tfdb/store/writer_lock.hpp"
@@ -167,6 +168,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     StoreMemory memory;
     graph::Frames<StoreMemory> frames;
     StampNs history;
+    sync::Pointer<const Lifespans> lifespans;  // null: none is enforced
     std::size_t snapshot_memory;
     Concurrency concurrency;
     graph::Names<StoreMemory> names;
@@ -187,6 +189,8 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     mutable sync::Word home_process{};  // forks, and the flags above
     sync::Word ages{};                  // transactions so far: the age of the next one
     mutable sync::Pointer<Waits> waits_here;
+    std::vector<std::unique_ptr<const Lifespans>>
+        lifespans_so_far;            // reads may be under way in each
     std::unique_ptr<Engine> engine;  // null: the default engine
 };
 

@@ -9,6 +9,7 @@
 
 #include "tfdb/store/collect.hpp"
 #include "tfdb/store/engine_transaction.hpp"
+#include "tfdb/store/freshness.hpp"
 #include "tfdb/store/nearest.hpp"
 #include "tfdb/store/path_stamps.hpp"
 #include "tfdb/store/question_resolver.hpp"
@@ -37,7 +38,8 @@ public:
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) override {
         const bool found = answered(failure, [&](const View& view) {
             const auto find = [&](std::string_view name) { return view.find(name); };
-            return QuestionResolver(view, find, question).answer(answer, failure);
+            const Outcome outcome = QuestionResolver(view, find, question).answer(answer, failure);
+            return unless_stale(store_, view, names(), question, outcome, failure);
         });
         answer.commit = failure.commit;
         return found;
@@ -63,7 +65,10 @@ public:
                                 Failure& failure) override {
         return answered(failure, [&](const View& view) {
             const auto find = [&](std::string_view name) { return view.find(name); };
-            return velocity_at(view, find, question, twist, asked, failure);
+            const auto judge = [&](FrameId target, FrameId source) {
+                return path_unless_stale(store_, view, names(), target, source, failure);
+            };
+            return velocity_at(view, find, judge, question, twist, asked, failure);
         });
     }
     [[nodiscard]] bool path_stamps(std::string_view target, std::string_view source,

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "tfdb/store/freshness.hpp"
 #include "tfdb/store/store.hpp"
 
 namespace tfdb {
@@ -39,7 +40,11 @@ Twist Reads::lookup_velocity(std::string_view target, std::string_view source,
         const auto find = [&](std::string_view name) {
             return store_->names.find(name, view.commit());
         };
-        return store::velocity_at(view, find, question, twist, asked, failure);
+        const auto name_of = [&](FrameId id) { return store_->names.name(id); };
+        const auto judge = [&](FrameId to, FrameId from) {
+            return store::path_unless_stale(*store_, view, name_of, to, from, failure);
+        };
+        return store::velocity_at(view, find, judge, question, twist, asked, failure);
     });
     if (!found)
         raise(failure, asked.about(question));

@@ -102,9 +102,10 @@ template <lookup::View V>
     return Outcome::kFailed;
 }
 
-/// `find(name)`: the frame of that name in the view.
-template <lookup::View V, class Find>
-[[nodiscard]] lookup::Outcome velocity_at(const V& view, Find find,
+/// `find(name)`: the frame of that name in the view. `judge(target, source)`: kOk, or why an answer
+/// over the path between the two is refused.
+template <lookup::View V, class Find, class Judge>
+[[nodiscard]] lookup::Outcome velocity_at(const V& view, Find find, Judge judge,
                                           const VelocityQuestion& question, Twist& twist,
                                           Asked& asked, Failure& failure) {
     using lookup::Outcome;
@@ -117,7 +118,7 @@ template <lookup::View V, class Find>
         const Outcome found =
             lookup::lookup(view, frames[target], frames[source], when, Policy{}, answer, failure);
         pose = answer.pose;
-        return found;
+        return found == Outcome::kOk ? judge(frames[target], frames[source]) : found;
     };
     Pose first;
     Pose last;

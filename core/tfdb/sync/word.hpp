@@ -127,6 +127,7 @@ public:
     [[nodiscard]] T* load_acquire() const noexcept {
         return value_.load(std::memory_order_acquire);
     }
+    void store_release(T* value) noexcept { value_.store(value, std::memory_order_release); }
     /// On failure `expected` holds what was found.
     bool compare_exchange(T*& expected, T* desired) noexcept {
         return value_.compare_exchange_strong(expected, desired, std::memory_order_acq_rel,

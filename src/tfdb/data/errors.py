@@ -126,7 +126,9 @@ class TfdbError(Exception):
     after: int | None = None
     """The stored stamp after the requested one."""
     limit: int | None = None
-    """The exceeded limit: max_gap, max_age, tolerance, max or history."""
+    """The exceeded limit: max_gap, max_age, lifespan, tolerance, max or history."""
+    expectation: str | None = None
+    """The expectation whose lifespan is over, as `parent -> child`."""
     index: int | None = None
     """Position in the batch or in the array."""
     offset: int | None = None
@@ -205,7 +207,11 @@ class GapTooLarge(TfdbError):
 
 
 class Stale(TfdbError):
-    """The newest sample that may be used is older than `max_age`. Fields: edge, stamp, limit."""
+    """The newest sample that may be used is older than `max_age` or an enforced lifespan.
+
+    Fields: edge, parent, stamp, limit. Of a lifespan also `expectation` and `newest`; `stamp` is
+    then the time of the store's clock.
+    """
 
 
 class NoSampleNear(TfdbError):

@@ -12,7 +12,7 @@ from tfdb.data.errors import InvalidArgument
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import shown
 
-from .expectations import Expectation, Expectations
+from .expectations import Expectation, Expectations, lifespans
 from .installed import Installed
 from .watcher import Watcher
 
@@ -91,8 +91,10 @@ class BufferExpectations:
             timeout = duration_to_nanoseconds(timeout, "timeout") / 1e9
         return self._watcher.drain(timeout)
 
-    def _add(self, expectations: Expectations) -> Installed:
-        installed = Installed(expectations)
+    def _add(self, expectations: Expectations, *, enforce: bool) -> Installed:
+        if enforce:
+            _check_enforceable(self._buffer, expectations)
+        installed = Installed(expectations, enforce=enforce)
         self._watcher.add(installed)
         return installed
 
@@ -114,6 +116,20 @@ def expectations_of(given: str | Expectations, child: str | None, limits: Any) -
             f"give parent and child, or Expectations; got {shown(given)} alone", value=given
         )
     return Expectations([Expectation(given, child, **limits)])
+
+
+def _check_enforceable(buffer: Buffer, expectations: Expectations) -> None:
+    if not lifespans([expectations]):
+        raise InvalidArgument("enforce=True needs a lifespan; give one")
+    if expectations.clock != "stamps":
+        raise InvalidArgument(
+            "enforce=True needs the clock 'stamps': a store does not keep when a sample arrived"
+        )
+    if buffer._clock is not None:
+        raise InvalidArgument(
+            "enforce=True goes by the clock of the store, buf.clock, and this buffer has a clock "
+            "of its own; make the buffer without clock="
+        )
 
 
 _all: WeakSet[BufferExpectations] = WeakSet()

@@ -233,6 +233,17 @@ def edge_limits(expectations: Expectations) -> Callable[[str, str], Expectation]
     return limits
 
 
+def lifespans(parts: Sequence[Expectations]) -> list[tuple[str, str, int, str]]:
+    """Return parent, child, lifespan in nanoseconds and name of each that has one, first first."""
+    edges = [edge for each in parts for edge in each.edges]
+    edges.sort(key=lambda edge: not edge.is_exact)
+    return [
+        (each.parent, each.child, round(each.lifespan * 1e9), f"{each.parent} -> {each.child}")
+        for each in (*edges, *(each.default for each in parts))
+        if each.lifespan is not None
+    ]
+
+
 def limits_of_authority(expectations: Expectations, name: str) -> AuthorityExpectation | None:
     """Return what is expected of one authority; None: nothing."""
     named = [each for each in expectations.authorities if matches(each.name, name)]

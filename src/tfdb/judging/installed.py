@@ -19,9 +19,11 @@ __all__ = ["Installed"]
 class Installed:
     """Expectations of a buffer, from `Buffer.expect`: a context manager that removes them."""
 
-    def __init__(self, expectations: Expectations) -> None:
+    def __init__(self, expectations: Expectations, *, enforce: bool) -> None:
         self.expectations: Expectations = expectations
         """What is expected."""
+        self.enforce: bool = enforce
+        """Whether lookups raise Stale over an edge whose lifespan is over."""
         self._remove: Callable[[Installed], None] | None = None  # while they are installed
 
     @property

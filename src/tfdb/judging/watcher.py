@@ -21,7 +21,7 @@ from tfdb.data.errors import (
 from tfdb.store.given_clock import given_clock
 
 from .event_stream import LOGGER, EventStream
-from .expectations import joined
+from .expectations import joined, lifespans
 from .judge import Judge
 from .live import LiveJudge
 
@@ -121,6 +121,7 @@ class Watcher:
                 self._pending, self._error = self._live.begun, None
             self.installed.append(installed)
             installed._remove = self.remove
+            self._enforce()
             if self._thread is None:
                 self._thread = threading.Thread(
                     target=self._run, name="tfdb expectations", daemon=True
@@ -135,6 +136,7 @@ class Watcher:
                 return
             self.installed.remove(installed)
             installed._remove = None
+            self._enforce()
             if self._live is not None and self.installed:
                 self._change(self._live, self.installed)
             else:
@@ -185,8 +187,14 @@ class Watcher:
         """Forget all in a child of fork, whose threads are gone."""
         for installed in self.installed:
             installed._remove = None
+        self.installed = []
+        self._enforce()
         for stream in list(self._streams):
             stream._abandon()
+
+    def _enforce(self) -> None:
+        parts = [each.expectations for each in self.installed if each.enforce]
+        self._buffer._enforce(lifespans(parts))
 
     def _change(self, live: LiveJudge, installed: list[Installed]) -> None:
         live.change(joined([each.expectations for each in installed]))
@@ -247,6 +255,7 @@ class Watcher:
             for installed in self.installed:
                 installed._remove = None
             self.installed = []
+            self._enforce()
             self._live = self._source = self._thread = None
             self._error = error
             streams = list(self._streams)

@@ -256,6 +256,8 @@ def _reason(error: TfdbError) -> str:
         return f"{asked} lies in its {error.reason}" if error.stamp is not None else "no data"
     if isinstance(error, GapTooLarge):
         return f"the gap around {asked}, from {before} to {after}, exceeds {limit}"
+    if isinstance(error, Stale) and error.expectation is not None:
+        return f"its newest sample, at {before}, is older than its lifespan of {limit}, now {asked}"
     if isinstance(error, Stale):
         return f"its sample at {before} is older than {limit} at {asked}"
     if isinstance(error, NoSampleNear):
