@@ -150,6 +150,18 @@ def test_watch_prints_events_of_a_store(tool: Tool, name: str, tmp_path: Path) -
     assert "0 errors, 0 warnings, 1 stale" in said.err
 
 
+def test_check_judges_a_store_that_is_silent_while_watched(
+    tool: Tool, name: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "e.toml"
+    edges = "".join(f'[[edge]]\nparent = "map"\nchild = "{child}"\n' for child in ("base", "arm"))
+    file.write_text(f"version = 1\n{edges}")
+    with tfdb.Buffer.open(name) as buf:
+        buf.set_transform("map", "base", time.time_ns(), (0, 0, 0))  # and nothing more
+        found = findings(tool, f"shm:{name}", "--expect", file, "--for", "1.1", code=1)
+    assert set(found) == {("missing", "base"), ("missing", "arm")}
+
+
 def test_watch_and_monitor_go_by_the_clock_of_the_store(
     tool: Tool, name: str, tmp_path: Path
 ) -> None:

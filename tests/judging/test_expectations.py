@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,13 @@ from tfdb.judging.expectations import (
     limits_of_authority,
 )
 from tfdb.judging.judge import Judge
-from tfdb.judging.proposing import judge_recording, propose, recorded_arrivals, rows_of
+from tfdb.judging.proposing import (
+    judge_recording,
+    propose,
+    recorded_arrivals,
+    rows_of,
+    span_of,
+)
 
 DATA = Path(__file__).resolve().parents[2] / "examples" / "data"
 TEXT = """\
@@ -193,6 +200,16 @@ def test_a_recording_meets_its_proposal(name: str, file: Path) -> None:
     tight = Expectation("*", base.child, base.deadline and base.deadline / 2, max_step=0.01)
     kinds = {event.kind for event in judge_recording(arrivals, Expectations([tight]))}
     assert kinds == {"deadline", "step"}
+
+
+def test_a_watched_store_is_judged_until_the_end_of_the_watch() -> None:
+    arrivals = recorded_arrivals([DATA / "pr2.bag"])
+    _, last = span_of(arrivals)
+    watched = dataclasses.replace(arrivals, watched=(0, last + 5 * 10**9))
+    expected = Expectations([Expectation("odom", "base_footprint", deadline=2)])
+    assert judge_recording(arrivals, expected) == []
+    (event,) = judge_recording(watched, expected)
+    assert (event.kind, last < event.time - 10**9 <= last + 10**9) == ("deadline", True)
 
 
 def test_a_recording_fed_row_by_row_gives_the_same_events() -> None:

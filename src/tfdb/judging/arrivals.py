@@ -16,13 +16,15 @@ class Arrivals:
     """The transforms, and whether the containers name their publishers (ROS 1 bags do).
 
     `mixed` are the frames that some messages write with a leading slash and others without.
-    `missed` is how many commits of a live store went by unseen.
+    `missed` is how many commits of a live store went by unseen. `watched` is when its watch began
+    and ended.
     """
 
     log: Log
     publishers_known: bool
     mixed: tuple[str, ...] = ()
     missed: int = 0
+    watched: tuple[int, int] = 0, 0
 
     @classmethod
     def of(cls, recorded: RecordedArrivals) -> Self:

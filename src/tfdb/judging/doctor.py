@@ -173,6 +173,8 @@ class Log:
         bounds = np.searchsorted(child_of[order], np.arange(len(numbers) + 1))
         for name, number in numbers.items():
             mine = rows.at(order[bounds[number] : bounds[number + 1]])
+            if not len(mine):
+                continue
             parents, publishers = of_edges[mine.edges], of_authorities[mine.authorities]
             columns = mine.stamps, mine.arrivals, mine.poses, parents, publishers, mine.static
             log._edges.append(Edge(name, *columns))

@@ -155,7 +155,7 @@ def watch_arrivals(
         live.commit = state.commit
         held = held_rows(judge, state, 0)
         parts = [held.at(held.static)]
-    follower, began = Follower(live), time.monotonic()
+    follower, began, start = Follower(live), time.monotonic(), live.now()
     while (passed := time.monotonic() - began) < seconds:
         if progress is not None:
             progress(int(passed * 1000), int(seconds * 1000))
@@ -163,4 +163,5 @@ def watch_arrivals(
         parts += [numbered(judge, each.arrived, live.now()) for each in found]
     rows = Rows.joined(parts)
     known = any(judge.authority_names[each] for each in np.unique(rows.authorities).tolist())
-    return Arrivals(Log.of_rows(rows, judge), known, missed=follower.missed)
+    log, watched = Log.of_rows(rows, judge), (start, live.now())
+    return Arrivals(log, known, missed=follower.missed, watched=watched)

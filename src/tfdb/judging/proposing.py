@@ -46,7 +46,7 @@ def recorded_arrivals(paths: Sequence[str | os.PathLike[str]]) -> Arrivals:
 
 
 def judge_recording(arrivals: Arrivals, expectations: Expectations) -> list[Event]:
-    """Judge the transforms of a recording, from its first arrival to its last."""
+    """Judge the transforms of a recording, from its first arrival to its last or a watch's end."""
     start, end = span_of(arrivals)
     judge = Judge(expectations, start)
     return [*judge.feed(rows_of(arrivals, judge)), *judge.advance(end)]
@@ -197,12 +197,16 @@ def _round_up(value: float) -> float | None:
 
 
 def span_of(arrivals: Arrivals) -> tuple[int, int]:
-    """Return the first and last arrival of what moves; 0, 0 where nothing moves."""
+    """Return the first and last arrival of what moves; a watched store's time goes on to the end.
+
+    The time that was watched where nothing moves; of recordings 0, 0.
+    """
     moving = [edge.moving.arrivals for edge in arrivals.log.edges()]
     known = [each for each in moving if len(each)]
     if not known:
-        return 0, 0
-    return min(int(each.min()) for each in known), max(int(each.max()) for each in known)
+        return arrivals.watched
+    last = max(int(each.max()) for each in known)
+    return min(int(each.min()) for each in known), max(last, arrivals.watched[1])
 
 
 belong_to("tfdb.judging", globals(), ("propose",))
