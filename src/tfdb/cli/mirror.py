@@ -50,8 +50,8 @@ def command(
 
     Example: tfdb mirror robot1 --into fleet --prefix robot1/ --shared map
 
-    NAME is that of 'tfdb publish' on the other machine, the home. While it is gone the store stays as it is. The
-    store stays when the command ends, and goes on from there when it is run again.
+    NAME is that of 'tfdb publish' on the other machine, the home. While the home is gone, and when
+    the command ends, the store stays as it is. The command goes on from there when it is run again.
 
     Exit code: 0 by Ctrl-C, 1 if the home was gone then, 2 on an error.
     """

@@ -24,7 +24,9 @@ _FRONT = struct.Struct("<4sBBHQ16s")
 _HEAD = struct.Struct("<QQ16sQ")
 _PART = struct.Struct("<QII")
 _SUM = struct.Struct("<I")
-_LEAST = _FRONT.size + 8
+FRONT = _FRONT.size
+"""Each message begins with so many bytes, which are the same for all commits of an epoch."""
+_LEAST = FRONT + 8
 NONE = Epoch(0, bytes(16))
 """The epoch before a home that goes on from none."""
 
@@ -126,6 +128,11 @@ def state_messages(epoch: Epoch, commit: int, state: bytes, limit: int = LIMIT) 
         _sealed(PART, epoch, _PART.pack(commit, index, len(pieces)) + piece)
         for index, piece in enumerate(pieces)
     ]
+
+
+def commits_front(epoch: Epoch) -> bytes:
+    """Return the first bytes of all commits of an epoch."""
+    return _FRONT.pack(b"TFDB", 0, COMMITS, 0, epoch.number, epoch.id)
 
 
 def in_epoch(sample: bytes, epoch: Epoch) -> bytes:

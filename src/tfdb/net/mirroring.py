@@ -300,7 +300,9 @@ class Mirror:
             self._fail(error)
         if not self._is_open():
             self._inbox.clear()
-        elif receiver.state != before or receiver.due(time.monotonic()) < _SOON:
+        elif receiver.state != before or (
+            receiver.state != "live" and receiver.due(time.monotonic()) < _SOON
+        ):
             self._wake.set()
 
     def _is_open(self) -> bool:
