@@ -15,14 +15,24 @@ PAGE = Path(__file__).resolve().parent.parent / "src" / "tfdb" / "view" / "page"
 VERSION = "0.187.0"
 ESBUILD = "0.28.2"
 NAMES = [
+    "BoxGeometry",
     "BufferAttribute",
     "BufferGeometry",
     "Color",
+    "CylinderGeometry",
+    "DirectionalLight",
+    "DoubleSide",
     "GridHelper",
+    "HemisphereLight",
+    "Matrix4",
+    "Mesh",
+    "MeshLambertMaterial",
     "PerspectiveCamera",
     "Points",
     "PointsMaterial",
+    "Quaternion",
     "Scene",
+    "SphereGeometry",
     "Vector3",
     "WebGLRenderer",
 ]

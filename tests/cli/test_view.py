@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from contextlib import contextmanager, suppress
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.request import urlopen
 
 import pytest
+from mcap.writer import Writer as McapWriter
 from websockets.sync.client import connect
 
 import tfdb
@@ -119,6 +121,65 @@ def test_a_shared_store_is_followed_until_it_is_removed() -> None:
                 tfdb.Buffer.unlink(name)
 
 
+def test_the_shapes_of_a_robot_are_served_and_missing_meshes_are_named(
+    bag: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "robot.urdf"
+    model.write_text(
+        '<robot name="r"><link name="base_link">'
+        '<visual><geometry><sphere radius="1"/></geometry></visual>'
+        '<visual><geometry><mesh filename="package://r/x.stl"/></geometry></visual>'
+        "</link></robot>"
+    )
+    with running(bag, "--urdf", model) as (process, address):
+        with urlopen(f"{address}shapes.json", timeout=PATIENCE) as answer:
+            (shape,) = json.load(answer)
+        assert (shape["frame"], shape["kind"], shape["size"]) == ("base_link", "sphere", [1.0])
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 130
+        assert process.stderr is not None
+        assert "1 mesh file not shown, no such file" in process.stderr.read()
+
+
+def test_a_robot_is_drawn_by_the_joint_states_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "arm.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        kind = writer.register_schema("sensor_msgs/JointState", "ros1msg", b"")
+        topic = writer.register_channel("/joint_states", "ros1", kind)
+        state = struct.pack("<IIIIII4sIdII", 0, 5, 0, 0, 1, 4, b"lift", 1, 0.5, 0, 0)
+        writer.add_message(topic, 5, state, 5)
+        writer.finish()
+    model = tmp_path / "arm.urdf"
+    model.write_text(
+        '<robot name="r"><link name="base"/><link name="hand">'
+        '<visual><geometry><sphere radius="1"/></geometry></visual></link>'
+        '<joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>'
+    )
+    with running(path, "--urdf", model) as (_, address):
+        found = messages(address, "hello", "tree")
+        assert found["tree"]["names"] == ["base", "hand"]
+        assert found["hello"]["shapes"]
+
+
+def test_a_live_store_and_a_frozen_one_take_a_robot(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    model = tmp_path / "robot.urdf"
+    model.write_text('<robot name="r"><link name="base"/></robot>')
+    frozen = tmp_path / "drive.tfdb"
+    tool("freeze", bag, "-o", frozen)
+    with running(frozen, "--urdf", model) as (_, address):
+        assert messages(address, "hello")["hello"]["shapes"]
+    name = f"test-view-urdf-{id(object())}"
+    with tfdb.Buffer.open(name):
+        try:
+            with running(f"shm:{name}", "--urdf", model) as (_, address):
+                assert messages(address, "hello")["hello"]["shapes"]
+        finally:
+            tfdb.Buffer.unlink(name)
+
+
 def test_a_port_in_use_is_named(tool: Tool, bag: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -160,6 +221,8 @@ def test_a_missing_package_is_named(tool: Tool, bag: Path, monkeypatch: pytest.M
         (("shm:missing-store",), "missing-store"),
         (("shm:x", "--frame", "a"), "live"),
         (("BAG", "--expect", "missing.toml"), "missing.toml"),
+        (("BAG", "--urdf", "missing.urdf"), "missing.urdf"),
+        (("BAG", "--urdf", "BAG"), "not well-formed XML"),
     ],
 )
 def test_wrong_input_is_refused(

@@ -16,13 +16,25 @@ from tests.view.chromium import READY, Browser, Page, chromium, find_chromium
 from tests.view.served import Served, serving
 from tfdb.cli.graph import Live
 from tfdb.view.model import Model
+from tfdb.view.shapes import read_shapes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 S = 1_000_000_000
 TURN = (0.0, 0.6, 0.0, 0.8)
-FILES = ["", "app.js", "favicon.svg", "live", "scene.js", "style.css", "three.js", "tree.js"]
+FILES = [
+    "",
+    "app.js",
+    "favicon.svg",
+    "live",
+    "scene.js",
+    "shapes.js",
+    "style.css",
+    "three.js",
+    "tree.js",
+]
 
 
 @pytest.fixture(scope="module")
@@ -316,6 +328,76 @@ def test_a_recording_is_played_from_the_start(browser: Browser) -> None:
         page.until("!tfdb.state.plays")
         page.until("tfdb.world.places[3 * tfdb.state.rowOf.get('base')] === 2")
         assert page.errors == []
+
+
+ROBOT = """<robot name="r">
+<link name="base"><visual>
+  <origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/><geometry><box size="1 2 3"/></geometry>
+  <material name="red"><color rgba="1 0 0 1"/></material></visual></link>
+<link name="arm">
+  <visual><geometry><mesh filename="arm.stl" scale="2 2 2"/></geometry></visual>
+  <visual><geometry><cylinder radius="0.1" length="1"/></geometry></visual>
+  <visual><geometry><sphere radius="0.3"/></geometry></visual></link>
+<link name="elsewhere"><visual><geometry><sphere radius="0.3"/></geometry></visual></link>
+<joint name="a" type="fixed"><parent link="base"/><child link="arm"/></joint>
+<joint name="b" type="fixed"><parent link="base"/><child link="elsewhere"/></joint>
+</robot>"""
+
+
+def test_the_shapes_of_a_robot_are_drawn_where_its_links_are(
+    browser: Browser, buf: tfdb.Buffer, tmp_path: Path
+) -> None:
+    (tmp_path / "robot.urdf").write_text(ROBOT)
+    (tmp_path / "arm.stl").write_text("solid\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n")
+    shapes = read_shapes(str(tmp_path / "robot.urdf"))
+    model = Model(buf, "shm:robot", live=Live(buf))
+    with serving(model, shapes=shapes) as served, browser.page() as page:
+        page.open(served.address)
+        page.until(READY)
+        page.until("tfdb.scene.shapes.drawn === 4")  # no frame is elsewhere
+        asked = {each.replace("ws:", "http:") for each in page.requests}
+        assert asked == {served.base + name for name in (*FILES, "shapes.json", "mesh/0")}
+        matrices = page.run("tfdb.scene.shapes.all.map(({mesh}) => [...mesh.matrix.elements])")
+        base = buf.lookup_latest_transform("map", "base").matrix
+        local = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
+        assert np.allclose(np.reshape(matrices[0], (4, 4)).T, base @ local, atol=1e-6)
+        arm = buf.lookup_latest_transform("map", "arm").matrix
+        scaled = arm @ np.diag([2, 2, 2, 1])
+        assert np.allclose(np.reshape(matrices[1], (4, 4)).T, scaled, atol=1e-6)
+        corners = page.run("[...tfdb.scene.shapes.all[1].mesh.geometry.attributes.position.array]")
+        assert corners == [0, 0, 0, 1, 0, 0, 0, 1, 0]
+        # A cylinder is long along z.
+        ends = page.run(
+            "(({geometry}) => { geometry.computeBoundingBox();"
+            " const {min, max} = geometry.boundingBox;"
+            " return [max.x - min.x, max.y - min.y, max.z - min.z]; })"
+            "(tfdb.scene.shapes.all[2].mesh)"
+        )
+        assert ends == pytest.approx([0.2, 0.2, 1.0], abs=1e-3)
+        red = red_pixels(page)
+        page.key("s")
+        page.until("tfdb.scene.shapes.drawn === 0 && !tfdb.scene.isDirty")
+        assert page.run("document.getElementById('shapes').getAttribute('aria-pressed')") == "false"
+        assert red > 2 * red_pixels(page) + 1000  # those of axes stay
+        page.press("#shapes")
+        page.until("tfdb.scene.shapes.drawn === 4")
+        move(buf, 103 * S, 30.0)
+        page.until("tfdb.scene.shapes.all[0].mesh.matrix.elements[12] > 29")
+        assert page.errors == []
+
+
+def red_pixels(page: Page) -> int:
+    """Count strongly red pixels."""
+    image = pytest.importorskip("PIL.Image")
+    page.until("!tfdb.scene.isDirty")
+    picture = np.asarray(image.open(io.BytesIO(page.screenshot())).convert("RGB"), dtype=int)
+    return int((picture[..., 0] - picture[..., 1:].max(axis=2) > 90).sum())
+
+
+def test_the_button_for_shapes_is_hidden_without_a_robot(page: Page) -> None:
+    assert page.run("document.getElementById('shapes').hidden")
+    page.key("?")
+    assert "shapes of the robot" in page.run("document.getElementById('keys').textContent")
 
 
 def test_maps_far_from_the_origin_are_drawn_exactly(browser: Browser) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 S = 1_000_000_000
 T0 = 100 * S
 TURN = (0.0, 0.6, 0.0, 0.8)
-FILES = ("", "app.js", "scene.js", "tree.js", "three.js", "style.css", "favicon.svg")
+FILES = ("", "app.js", "scene.js", "shapes.js", "tree.js", "three.js", "style.css", "favicon.svg")
 
 
 def robot() -> tfdb.Buffer:

@@ -17,6 +17,7 @@ from tfdb.data.errors import NotSupported
 from tfdb.judging.arrivals import Arrivals
 from tfdb.judging.proposing import judge_recording
 from tfdb.recordings.arrivals import ArrivalReader
+from tfdb.recordings.recording import Recording
 from tfdb.store.frozen import is_frozen
 
 from . import common, output
@@ -87,29 +88,37 @@ def command(
     FILE is a shared store (shm:NAME), a live graph (ros1:, ros2:), a recording or a frozen store.
     The page follows what is live, and shows any stamp that is still held. With --expect, edges that
     break an expectation stand out; without it, those whose newest sample is several periods old.
+    With --urdf, the page draws the boxes, cylinders, spheres and STL meshes of the robot's links.
     The command serves the page until Ctrl-C.
     """
-    try:
-        from tfdb.view.server import Server  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise NotSupported(
-            f"tfdb view needs websockets: pip install 'tfdb[view]' ({error})", reason="websockets"
-        ) from error
     host = "127.0.0.1" if host == "localhost" else host
-    expected = None if expect is None else tfdb.Expectations.read(expect)
 
-    def ready(address: str) -> None:
+    def told(address: str) -> None:
         if as_json:
             output.emit_json("view", {"files": [file], "address": address})
         else:
             output.say(f"{address} shows {file}; Ctrl-C ends it")
         sys.stdout.flush()
+
+    try:
+        from tfdb.view.server import Server  # noqa: PLC0415 - an extra
+        from tfdb.view.shapes import read_shapes  # noqa: PLC0415 - numpy
+    except ImportError as error:
+        raise NotSupported(
+            f"tfdb view needs websockets: pip install 'tfdb[view]' ({error})", reason="websockets"
+        ) from error
+    expected = None if expect is None else tfdb.Expectations.read(expect)
+    urdf = _urdf(file)
+    shapes = None if urdf is None else read_shapes(urdf)
+
+    def ready(address: str) -> None:
+        told(address)
         if not no_open:
             # A browser in the terminal returns at its end, and the page is served meanwhile.
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     def serve(model: Model) -> None:
-        server = Server(model, host=host, port=port, names=names)
+        server = Server(model, host=host, port=port, names=names, shapes=shapes)
         try:
             _run(server.run(ready))
         except OSError as error:
@@ -125,6 +134,25 @@ def command(
         except tfdb.errors.BufferClosed:
             live.check()
             raise
+
+
+def _urdf(file: str) -> str | None:
+    """Return the file of --urdf, which reads joint states only where a recording has some."""
+    chosen = given()
+    urdf: str | None = chosen.get("urdf")
+    if urdf is None or "joint_topic" in chosen:
+        return urdf
+    if common.is_live(file) or not _has_joint_states(file):
+        del chosen["urdf"]
+    return urdf
+
+
+def _has_joint_states(file: str) -> bool:
+    (path,) = common.find_paths((file,))
+    if is_frozen(path):
+        return False
+    with Recording(path, salvage=given().get("salvage", False)) as recording:
+        return any(source.holds_joint_states for source in recording.all_sources)
 
 
 def _run(serving: Coroutine[Any, Any, None]) -> None:

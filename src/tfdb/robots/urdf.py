@@ -68,10 +68,7 @@ def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
         one of URDF's, a second `<origin>`, `<parent>`, `<child>`, `<axis>`, `<limit>` or `<mimic>`
         of a joint, an unknown version: each is ignored.
     """
-    where = check_path(path, ModelError)
-    with errors_name(where), where.open("rb") as file:
-        raw = file.read(MAX_BYTES + 1)
-    return _read(raw, str(path))
+    return _read(read_bytes(path), str(path))
 
 
 def parse_urdf(text: str | bytes, name: str = "<robot_description>") -> RobotModel:
@@ -83,25 +80,31 @@ def parse_urdf(text: str | bytes, name: str = "<robot_description>") -> RobotMod
     return _read(bytes(text), name)
 
 
-def _read(raw: bytes, path: str) -> RobotModel:
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Read a file, but no more of it than `parse_robot` refuses."""
+    where = check_path(path, ModelError)
+    with errors_name(where), where.open("rb") as file:
+        return file.read(MAX_BYTES + 1)
+
+
+def parse_robot(raw: bytes, path: str) -> Element:
+    """Return the root element of a URDF. Raises ModelError."""
     if len(raw) > MAX_BYTES:
         raise ModelError(path, f"larger than {MAX_BYTES // 1024**2} MiB")
     try:
-        root = parse_xml(raw)
+        return parse_xml(raw)
     except XmlError as error:
         raise ModelError(path, error.reason, line=error.line) from None
-    reader = _Reader(path)
-    model = reader.robot(root)
-    ignored = reader.ignored
-    if ignored:
-        more = len(ignored) - _MOST_NAMED
-        listed = "; ".join(list(ignored.values())[:_MOST_NAMED])
-        listed += f"; and {more} more" if more > 0 else ""
-        warnings.warn(f"{path}: ignored: {listed}", TfdbWarning, stacklevel=3)
+
+
+def _read(raw: bytes, path: str) -> RobotModel:
+    reader = Reader(path)
+    model = reader.robot(parse_robot(raw, path))
+    reader.warn(stacklevel=4)
     return model
 
 
-class _Reader:
+class Reader:
     """Turns elements into a model; every complaint names the file and the line."""
 
     def __init__(self, path: str) -> None:
@@ -110,6 +113,7 @@ class _Reader:
         self.ignored: dict[tuple[str, str], str] = {}
 
     def robot(self, root: Element) -> RobotModel:
+        """Return the model of a root element."""
         if root.tag != "robot":
             self.refuse(root, f"the root element is <{root.tag}>, not <robot>")
         self.check_attributes(root)
@@ -136,6 +140,16 @@ class _Reader:
         base = self.check_tree(links, joints, lines)
         self.check_mimics(joints, lines)
         return RobotModel(root.get("name") or "", tuple(links), joints, base)
+
+    def warn(self, stacklevel: int) -> None:
+        """Warn of what was ignored, if anything was."""
+        ignored = self.ignored
+        if ignored:
+            more = len(ignored) - _MOST_NAMED
+            listed = "; ".join(list(ignored.values())[:_MOST_NAMED])
+            listed += f"; and {more} more" if more > 0 else ""
+            text = f"{self.path}: ignored: {listed}"
+            warnings.warn(text, TfdbWarning, stacklevel=stacklevel)
 
     def check_attributes(self, element: Element) -> None:
         """Note attributes that URDF does not have, except those of other namespaces."""
@@ -165,11 +179,13 @@ class _Reader:
                 self.ignored.setdefault(("joint", child.tag), f"line {child.line}: {text}")
 
     def add(self, known: dict[str, Element], name: str, element: Element) -> None:
+        """Add an element by its name; refuse a second one."""
         if name in known:
             self.refuse(element, f"{element.tag} {name!r} is there twice")
         known[name] = element
 
     def joint(self, element: Element) -> Joint:
+        """Return the joint of an element."""
         self.check_joint(element)
         name = self.name(element)
         kind = element.get("type") or ""
@@ -191,6 +207,7 @@ class _Reader:
         )
 
     def link_of(self, element: Element, role: str, joint: str) -> str:
+        """Return the parent or the child link of a joint."""
         found = element.first(role)
         link = None if found is None else found.get("link")
         if not link:
@@ -228,6 +245,7 @@ class _Reader:
         return tuple(value / length for value in values)
 
     def limits(self, element: Element | None, kind: str) -> JointLimits | None:
+        """Return the limits of a joint, if it can have any."""
         if element is None or kind in ("fixed", "floating", "planar"):
             return None
         ranged = kind != "continuous"
@@ -242,6 +260,7 @@ class _Reader:
         return limits
 
     def mimic(self, element: Element | None, joint: str, kind: str) -> Mimic | None:
+        """Return what a joint mimics."""
         if element is None:
             return None
         leader = element.get("joint")
@@ -286,6 +305,7 @@ class _Reader:
         return roots[0]
 
     def check_mimics(self, joints: dict[str, Joint], lines: dict[str, Element]) -> None:
+        """Refuse joints that mimic none, or each other."""
         for joint in joints.values():
             seen = {joint.name}
             follower = joint
@@ -303,12 +323,14 @@ class _Reader:
                 follower = leader
 
     def name(self, element: Element) -> str:
+        """Return the name of an element; refuse one without."""
         name = element.get("name")
         if not name:
             self.refuse(element, f"a {element.tag} without a name")
         return name
 
     def unit(self, element: Element, axis: tuple[float, ...]) -> tuple[float, float, float]:
+        """Return an axis of unit length."""
         length = math.hypot(*axis)
         if length < 1e-9:
             self.refuse(element, "the axis is zero")
@@ -329,10 +351,12 @@ class _Reader:
         return values
 
     def number(self, element: Element, attribute: str, default: float) -> float:
+        """Return a finite number."""
         text = element.get(attribute)
         return default if text is None else self.finite(element, attribute, text)
 
     def finite(self, element: Element, attribute: str, text: str) -> float:
+        """Return the finite number that a text is."""
         try:
             value = float(text)
         except ValueError:
@@ -342,4 +366,5 @@ class _Reader:
         return value
 
     def refuse(self, element: Element, reason: str) -> NoReturn:
+        """Raise ModelError for an element."""
         raise ModelError(self.path, reason, line=element.line)

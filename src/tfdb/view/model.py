@@ -186,14 +186,15 @@ class Model:
         """How often the clock of the store was set: ages change with it."""
         return self._clock._settings
 
-    def hello(self) -> str:
-        """Return the first message to a viewer."""
+    def hello(self, shapes: str = "") -> str:
+        """Return the first message to a viewer; `shapes` differs where they are others."""
         return write_text(
             "hello",
             source=self.source,
             live=self.live is not None,
             judged=self.judges,
             opening=self._opening,
+            shapes=shapes,
             events=list(self.events),
         )
 

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from .model import Model, Topology
+    from .shapes import Shapes
 
 VIEWERS = 32
 """So many at once; more get 503."""
@@ -63,12 +64,13 @@ _TYPES = {
     "index.html": "text/html; charset=utf-8",
     "app.js": "text/javascript; charset=utf-8",
     "scene.js": "text/javascript; charset=utf-8",
+    "shapes.js": "text/javascript; charset=utf-8",
     "tree.js": "text/javascript; charset=utf-8",
     "three.js": "text/javascript; charset=utf-8",
     "style.css": "text/css; charset=utf-8",
     "favicon.svg": "image/svg+xml",
 }
-"""The files of the page and their types: all that is served."""
+"""The files of the page and their types. Beside them only a robot's shapes are served."""
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'",
@@ -125,6 +127,8 @@ class Server:
         Names of hosts that browsers may use for it, beside addresses and localhost.
     hz
         Poses a second.
+    shapes
+        Those of a robot model that the page draws.
     """
 
     def __init__(
@@ -135,6 +139,7 @@ class Server:
         port: int = 0,
         names: Iterable[str] = (),
         hz: int = 30,
+        shapes: Shapes | None = None,
     ) -> None:
         self._model, self._host, self._port, self._hz = model, host, port, hz
         self._token = "" if is_loopback(host) else secrets.token_urlsafe(24)
@@ -142,7 +147,14 @@ class Server:
         if self._token:
             self._names.add(socket.gethostname().lower())
         folder = Path(__file__).parent / "page"
-        self._files = {name: (folder / name).read_bytes() for name in _TYPES}
+        self._files = {name: (kind, (folder / name).read_bytes()) for name, kind in _TYPES.items()}
+        self._shapes = ""
+        """Differs where other shapes are to be drawn; empty: none."""
+        if shapes is not None:
+            self._shapes = shapes.mark
+            self._files["shapes.json"] = "application/json", shapes.text
+            for number, mesh in enumerate(shapes.meshes):
+                self._files[f"mesh/{number}"] = "application/octet-stream", mesh
         self._viewers: list[Viewer] = []
         self._came = asyncio.Event()
         """Set when a viewer comes."""
@@ -323,7 +335,7 @@ class Server:
         self._came.set()
         past = asyncio.create_task(self._show_past(viewer))
         try:
-            viewer.tell(self._model.hello())
+            viewer.tell(self._model.hello(self._shapes))
             self._send_whole(viewer, self._model.whole())
             async for message in connection:
                 self._counts["questions"] += 1
@@ -407,7 +419,7 @@ class Server:
         name = path.removeprefix("/") or "index.html"
         if name not in self._files:
             return _text(http.HTTPStatus.NOT_FOUND, f"nothing is at {path[:200]!r}")
-        response = _body(http.HTTPStatus.OK, _TYPES[name], self._files[name])
+        response = _body(http.HTTPStatus.OK, *self._files[name])
         if given and self._token:
             response.headers["Set-Cookie"] = (
                 f"{cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"

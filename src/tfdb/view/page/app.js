@@ -166,7 +166,19 @@ function takeHello(hello) {
   showLink("up", hello.live ? "live" : "recording");
   state.events = [];
   takeEvents(hello.events);
+  loadShapes(hello.shapes);
   if (state.at !== null) ask(state.at);
+}
+
+async function loadShapes(mark) {
+  element("shapes").hidden = !mark;
+  try {
+    await scene.shapes.load(mark);
+    scene.update();
+  } catch (error) {
+    scene.shapes.mark = ""; // the next connection tries again
+    banner(`The shapes of the robot were not loaded: ${error.message}`);
+  }
 }
 
 // The tree and its poses.
@@ -885,6 +897,7 @@ const ACTIONS = {
   c: () => follow(scene.follows && scene.follows === state.chosen ? -1 : scene.chosen),
   n: () => toggle("names", "showsNames"),
   p: () => toggle("links", "showsLinks"),
+  s: () => toggle("shapes", "showsShapes"),
   "+": () => rescale(1.3),
   "=": () => rescale(1.3),
   "-": () => rescale(1 / 1.3),
@@ -939,6 +952,7 @@ function listen() {
     center: ACTIONS.c,
     names: ACTIONS.n,
     links: ACTIONS.p,
+    shapes: ACTIONS.s,
     smaller: ACTIONS["-"],
     larger: ACTIONS["+"],
   };

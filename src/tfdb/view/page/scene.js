@@ -1,4 +1,4 @@
-// Frames in 3D: axes, links to parents, a path, a trail, names.
+// Frames in 3D: axes, links to parents, a path, a trail, names, shapes of a robot.
 
 import {
   BufferAttribute,
@@ -16,6 +16,7 @@ import {
   Vector3,
   WebGLRenderer,
 } from "./three.js";
+import { Shapes } from "./shapes.js";
 
 const NAMES = 70; // that are drawn at most
 const NEAR = 14; // pixels from a frame at which a click takes it
@@ -94,6 +95,7 @@ export class Scene {
     this.world = world;
     this.showsNames = true;
     this.showsLinks = true;
+    this.showsShapes = true;
     this.size = 1; // times the axes' own length
     this.axis = 0.1;
     this.cell = 1;
@@ -116,6 +118,7 @@ export class Scene {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.zoomToCursor = true;
     this.controls.addEventListener("change", () => this.redraw());
+    this.shapes = new Shapes(this.three);
     this.links = new Lines(this.three, 1.2, 0);
     this.axes = new Lines(this.three, 2.4, 1);
     this.way = new Lines(this.three, 2.2, 2);
@@ -135,10 +138,11 @@ export class Scene {
   setColors() {
     const style = getComputedStyle(document.documentElement);
     const color = (name) => new Color(style.getPropertyValue(`--${name}`).trim());
-    const names = ["back", "x", "y", "z", "link", "accent", "late", "silent", "static", "grid", "text", "quiet"];
+    const names = ["back", "x", "y", "z", "link", "accent", "late", "silent", "static", "grid", "text", "quiet", "shape"];
     this.colors = Object.fromEntries(names.map((name) => [name, color(name)]));
     this.css = (name) => style.getPropertyValue(`--${name}`).trim();
     this.three.background = this.colors.back;
+    this.shapes.setColor(this.colors.shape);
     this.#makeGrid();
     this.update();
   }
@@ -305,6 +309,7 @@ export class Scene {
     const { places, turns, seen, parents, states } = this.world;
     const [ox, oy, oz] = this.origin;
     const { colors, path } = this;
+    this.shapes.place(this.world, this.origin, this.showsShapes);
     const count = seen.length;
     const long = this.axis * this.size;
     this.axes.material.linewidth = count > MANY ? 1.5 : 2.4;
