@@ -96,7 +96,7 @@ def expected(at: int, *, shift: int = 0) -> dict[str, tuple[list[int], list[list
 
 @contextmanager
 def playing(
-    path: Path, store: tfdb.Buffer, **options: object
+    path: Path | list[Path], store: tfdb.Buffer, **options: object
 ) -> Iterator[tuple[Player, threading.Thread]]:
     """Run a player in a thread. At the end it is stopped, and what it raised is raised."""
     with open_recordings(path, Selection()) as recordings:
@@ -233,6 +233,20 @@ def test_a_jump_shows_the_state_of_straight_playing(recording: Path) -> None:
             player.seek(seconds)
             settled(player)
             assert states(store) == expected(START + round(seconds * SECOND))
+
+
+@pytest.mark.parametrize("far", [3e9, 1e300])
+def test_a_jump_beyond_all_stamps_goes_to_an_end(recording: Path, far: float) -> None:
+    store = tfdb.Buffer(HISTORY)
+    with playing(recording, store, paused=True) as (player, thread):
+        begun(store)
+        player.seek(2.0)
+        player.seek(-far)
+        settled(player)
+        assert states(store) == expected(START)
+        player.seek_by(far)
+        thread.join(LONGEST)
+    assert states(store) == expected(START + 10 * SECOND)
 
 
 def test_any_process_may_set_the_clock(recording: Path, name: str) -> None:

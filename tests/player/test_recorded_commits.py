@@ -93,6 +93,30 @@ def test_recording_the_played_store_gives_the_same_recording(drive: Path, tmp_pa
     assert contents(copies[0]) == contents(copies[1])
 
 
+def test_split_files_are_played_in_the_order_of_their_commits(tmp_path: Path) -> None:
+    buf = tfdb.Buffer(history=None)
+    with tfdb.Recorder(buf, tmp_path / "drive.mcap", split_size=1, flush=0) as recorder:
+        while len(recorder.files) < 11:  # a shell lists drive_10.mcap before drive_2.mcap
+            buf.set_transform("map", "base", buf.commit, (buf.commit, 2, 3), TURN)
+            recorder.flush()
+    store = tfdb.Buffer(history=None)
+    with playing(sorted(recorder.files), store, speed=float("inf")) as (_, thread):
+        thread.join(60)
+    assert contents(store) == contents(buf)
+
+
+def test_the_stores_of_two_recordings_are_played_together(tmp_path: Path) -> None:
+    paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for path in paths:
+        buf = tfdb.Buffer(history=None)
+        with tfdb.Recorder(buf, path):
+            buf.set_transform(f"map_{path.stem}", f"base_{path.stem}", 1, (0, 2, 3), TURN)
+    store = tfdb.Buffer(history=None)
+    with playing(paths[::-1], store, speed=float("inf")) as (_, thread):
+        thread.join(60)
+    assert store.frames() == ["base_a", "base_b", "map_a", "map_b"]
+
+
 @pytest.mark.parametrize("indexed", [True, False])
 def test_jumps_show_the_state_of_the_commit(
     drive: Path, monkeypatch: pytest.MonkeyPatch, *, indexed: bool

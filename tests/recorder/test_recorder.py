@@ -252,7 +252,7 @@ def test_split_files_begin_with_the_state(tmp_path: Path) -> None:
     files = list(recorder.files)
     assert files[:2] == [tmp_path / "drive_0.mcap", tmp_path / "drive_1.mcap"]
     assert sorted(tmp_path.iterdir()) == files
-    assert state_of(applied(files)) == state_of(buf)
+    assert state_of(applied(files)) == state_of(applied([*files[1:], files[0]])) == state_of(buf)
     for each in files:
         assert applied(each).frame_info("camera").authority == "urdf"
         assert messages_of(each)[0].topic == "/tfdb/state"

@@ -245,6 +245,23 @@ def test_a_frame_moves_to_another_parent_while_it_is_looked_at(
     page.until("tfdb.world.names[tfdb.world.parents[tfdb.state.rowOf.get('arm')]] === 'base'")
 
 
+def test_a_long_age_is_whole(browser: Browser) -> None:
+    buf = tfdb.Buffer(history=None)
+    buf.clock.pause()
+    buf.clock.seek(80_001 * S)
+    for stamp in (15_000, 16_001):
+        buf.set_transform("map", "a_frame_with_a_name_that_is_long", stamp * S, (1, 0, 0), TURN)
+    buf.set_transform("map", "base", 80_000 * S, (1, 0, 0), TURN)
+    with serving(Model(buf, "shm:x", live=Live(buf))) as served, browser.page() as page:
+        page.open(served.address, 900, 600)
+        page.until("document.querySelectorAll('.row').length === 3 && tfdb.state.facts")
+        page.until("document.querySelector('#tree').innerText.includes('17 h 46 min')")
+        assert page.run(
+            "[...document.querySelectorAll('.row > :not(:first-child)')]"
+            ".every((each) => each.scrollWidth <= each.clientWidth)"
+        )
+
+
 def test_late_edges_stand_out(browser: Browser) -> None:
     buf = tfdb.Buffer(history=60)
     now = time.time_ns()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 from tfdb.data.errors import Fenced, InvalidArgument, OutOfOrder
+from tfdb.data.stamps import MAX_STAMP
 from tfdb.recordings.load_report import Tally
 
 if TYPE_CHECKING:
@@ -121,11 +122,12 @@ class Player:
 
     def seek(self, seconds: float) -> None:
         """Jump to a time after the recording's first message."""
-        self._orders.put(lambda: self._go_to((self._first or 0) + round(seconds * NS)))
+        self._orders.put(lambda: self._go_to((self._first or 0) + _nanoseconds(seconds)))
 
     def seek_by(self, seconds: float) -> None:
         """Jump forth or back."""
-        self._orders.put(lambda: self._go_to(self._clock.now() - self.shift + round(seconds * NS)))
+        now = self._clock.now
+        self._orders.put(lambda: self._go_to(now() - self.shift + _nanoseconds(seconds)))
 
     def step(self) -> None:
         """Pause, and play the next commit."""
@@ -305,7 +307,7 @@ class Player:
 
     def _go_to(self, at: int) -> None:
         """Jump, at most to the first message. At no moment has the store a stamp of the future."""
-        at = max(at, self._first or 0)
+        at = min(max(at, self._first or 0), MAX_STAMP - self.shift)
         shown = at + self.shift
         if self._has_clock and shown > self._clock.now():
             self._set_clock(shown)
@@ -393,3 +395,8 @@ class Player:
         if at < (self._first or 0):
             self._reversed = None
         self._go_to(at)
+
+
+def _nanoseconds(seconds: float) -> int:
+    """Return nanoseconds, at most as many as there are stamps."""
+    return round(min(max(seconds * NS, -MAX_STAMP), MAX_STAMP))

@@ -12,8 +12,8 @@ from tfdb.streams.rows import of_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
+    from tfdb.recorder.commit_reader import RecordedFiles
     from tfdb.recordings.containers import Source
     from tfdb.recordings.load_report import Tally
     from tfdb.recordings.open_recordings import OpenRecordings
@@ -141,10 +141,8 @@ class CommitTape(Tape):
 
     shifts = False
 
-    def __init__(self, paths: Sequence[Path]) -> None:
-        from tfdb.recorder.commit_reader import RecordedFiles  # noqa: PLC0415 - mcap is an extra
-
-        self._files = RecordedFiles(paths)
+    def __init__(self, files: RecordedFiles) -> None:
+        self._files = files
 
     def begin(self, history: float | None) -> Buffer:
         """See `Tape`."""
@@ -176,8 +174,12 @@ class CommitTape(Tape):
 
 
 def tape_of(recordings: OpenRecordings, rewriter: Rewriter) -> Tape:
-    """Return the tape of recordings: of commits, if a recorder wrote them and all is wanted."""
+    """Return the tape of recordings: of commits, if all are wanted of one recorded store."""
     topics = [{topic.name for topic in recording.topics} for recording in recordings.given]
     if not recordings.choice.key and all(STATE in names for names in topics):
-        return CommitTape([recording.path for recording in recordings.given])
+        from tfdb.recorder.commit_reader import RecordedFiles  # noqa: PLC0415 - mcap is an extra
+
+        files = RecordedFiles([recording.path for recording in recordings.given])
+        if files.stores == 1:
+            return CommitTape(files)
     return MessageTape(recordings, rewriter)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from itertools import dropwhile
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -22,7 +23,7 @@ from .channels import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
@@ -56,7 +57,7 @@ def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[Recorded
     Parameters
     ----------
     path
-        A file, or the files of one recording in their order.
+        A file, or the files of one recording.
     salvage
         Read files that were cut short or damaged, each up to there.
 
@@ -74,10 +75,16 @@ def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[Recorded
 
 
 class RecordedFiles:
-    """The files of one recording, to be read from any commit on. Threads: one."""
+    """Recorded files, to be read from any commit on. Threads: one.
+
+    Raises as `recorded_commits`.
+    """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._paths = paths
+        heads = [_head(path) for path in paths]
+        self.stores: int = len({head.epoch for head in heads})
+        """How many stores they are of. Only the commits of one can be read."""
+        self._paths = _in_order(heads)
         self._indexes: dict[Path, _Index | None] = {}
 
     def commits(self, since: int, after: bytes) -> Iterator[RecordedCommit]:
@@ -97,10 +104,34 @@ class RecordedFiles:
 
 def _commits_of(paths: list[Path], *, salvage: bool) -> Iterator[RecordedCommit]:
     reader = _Reader(b"")
+    if len(paths) > 1:
+        paths = _in_order([_head(path, salvage=salvage) for path in paths])
     for path in paths:
         for topic, message in _messages(path, salvage=salvage):
             yield from reader.take(topic, message)
         yield from reader.end()
+
+
+class _Head(NamedTuple):
+    """With what a file begins."""
+
+    path: Path
+    epoch: bytes
+    commit: int
+
+
+def _head(path: Path, *, salvage: bool = False) -> _Head:
+    with closing(_messages(path, salvage=salvage)) as messages:
+        _, first = next(messages)
+    sample = unwrapped(first.data)
+    return _Head(path, epoch_of(sample), numbers_of(sample)[1])
+
+
+def _in_order(heads: Sequence[_Head]) -> list[Path]:
+    """Sort the files of each store by the commit with which they begin."""
+    stores = [head.epoch for head in heads]
+    ordered = sorted(heads, key=lambda head: (stores.index(head.epoch), head.commit))
+    return [head.path for head in ordered]
 
 
 class _Index(NamedTuple):
@@ -146,7 +177,7 @@ def _index_of(path: Path) -> _Index | None:
 
 def _messages(
     path: Path, *, salvage: bool = False, index: _Index | None = None, since: int = 0
-) -> Iterator[tuple[str, Message]]:
+) -> Generator[tuple[str, Message], None, None]:
     """Topic and message of all that tfdb knows, in the file's order; with an index, since then."""
     try:
         from mcap.exceptions import EndOfFile  # noqa: PLC0415 - mcap is an extra
