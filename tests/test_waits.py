@@ -71,7 +71,9 @@ def test_a_wait_for_a_commit(buf: tfdb.Buffer) -> None:
     put(buf, "a", 1)
     assert call.result() == 1
     assert buf.wait_for_commit(0) == 1
-    with pytest.raises(tfdb.WaitTimeout, match=r"followed commit 1; waited \d+\.\d\d\d s:") as caught:
+    with pytest.raises(
+        tfdb.WaitTimeout, match=r"followed commit 1; waited \d+\.\d\d\d s:"
+    ) as caught:
         buf.wait_for_commit(1, 0.001)
     assert isinstance(caught.value, TimeoutError)
     assert caught.value.commit == 1
