@@ -144,7 +144,15 @@ def test_lost_commits_are_an_exit_code(
         done = tool("record", name, "-o", path, *options, code=1)
         thread.join()
     assert "were lost" in done.err
-    assert "f0" in tfdb.load(path).frames()
+    with pytest.warns(tfdb.TfdbWarning, match="were lost when it was recorded"):
+        assert "f0" in tfdb.load(path).frames()
+    assert "were lost when it was recorded" in tool("info", path).err
+    (found,) = (
+        each
+        for each in tool("check", path, "--json", code=1).json["findings"]
+        if each["kind"] == "container"
+    )
+    assert "were lost when it was recorded" in found["message"]
 
 
 def test_a_store_that_is_removed(tmp_path: Path, name: str) -> None:

@@ -13,7 +13,8 @@ from rosbags.highlevel import AnyReader
 import tfdb
 from tests.test_changes import NAMES, SEEDS, Writer, pose
 from tfdb import errors
-from tfdb._core import commit_of_messages
+from tfdb._core import commit_of_messages, messages_of_commits
+from tfdb.judging.proposing import judge_recording, recorded_arrivals
 from tfdb.recorder import mcap_file
 
 from .reading import Message, applied, messages_of, metadata_of, state_of
@@ -261,6 +262,32 @@ def test_split_files_begin_with_the_state(tmp_path: Path) -> None:
     assert recorder.size == sum(each.stat().st_size for each in files)
 
 
+def test_a_split_ends_no_silence_when_it_is_judged(tmp_path: Path) -> None:
+    """The newest samples that begin each file have not arrived again."""
+    buf, second = tfdb.Buffer(), 10**9
+    files = [tmp_path / f"drive_{number}.mcap" for number in range(3)]
+    for number, path in enumerate(files):
+        file = mcap_file.McapFile(path, tmp_path, sync=False)
+        with buf.snapshot() as held:
+            state = held.state_bytes(newest=1)
+        begun = (10 + 2 * number) * second
+        (whole,) = messages_of_commits(state, 0, None)
+        file.write(begun, whole, is_state=True)
+        for tick in range(20):
+            stamp = begun + tick * second // 10 + 1
+            children = ["base", "arm"] if number == 0 else ["base"]
+            rows = [tfdb.TransformStamped("map", each, stamp, *pose(tick)) for each in children]
+            buf.set_transforms(rows)
+            file.write(stamp, (buf.commit, tfdb.encode_tf_message(rows), None, None))
+        file.close()
+    expected = tfdb.Expectations(default=tfdb.judging.Expectation(deadline=1.5))
+    found = judge_recording(recorded_arrivals(files), expected)
+    assert [(event.child, event.begins) for event in found] == [("arm", True)]
+    alone = judge_recording(recorded_arrivals(files[1:]), expected)
+    assert [(event.child, event.begins) for event in alone] == [("arm", True)]
+    assert tfdb.load(files).frame_info("arm").samples == 20
+
+
 def test_a_time_splits_files(tmp_path: Path) -> None:
     buf = tfdb.Buffer()
     with tfdb.Recorder(buf, tmp_path / "a.mcap", split_time=1e-6) as recorder:
@@ -338,6 +365,13 @@ def test_commits_that_the_disk_does_not_take_are_counted(
     assert recorder.commits + recorder.lost == 502
     lost = [about for name, about in metadata_of(path) if name == "tfdb.lost"]
     assert sum(int(each["commits"]) for each in lost) == recorder.lost
+    with pytest.warns(tfdb.TfdbWarning, match=f"{recorder.lost} commits were lost when it was rec"):
+        tfdb.load(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1])
+    with pytest.warns(tfdb.TfdbWarning, match=f"{recorder.lost} commits were lost when it was rec"):
+        tfdb.load(path, salvage=True)
+    path.write_bytes(whole)
     copy = applied(path)
     assert copy.frame_info("base").parent == "odom"
     assert copy.frame_info("base").authority == "slam"

@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import Buffer, Recorded
-from tfdb.recorder.channels import STATE
 from tfdb.recordings.recording import Run, runs_of
+from tfdb.recordings.tf_definition import STATE
 from tfdb.streams.rows import of_bytes
 
 if TYPE_CHECKING:

@@ -14,9 +14,6 @@ Messages: TypeAlias = "tuple[int, bytes | None, bytes | None, bytes | None]"
 TF = "/tf"
 TF_STATIC = "/tf_static"
 COMMITS = "/tfdb/commits"
-STATE = "/tfdb/state"
-LOST = "tfdb.lost"
-"""The metadata of commits that were not recorded."""
 SEQUENCES = 1 << 32
 """A message has the number of its commit, without the higher bits."""
 

@@ -11,11 +11,11 @@ from tfdb.data.argument_checks import check_flag
 from tfdb.data.errors import RecordingError
 from tfdb.data.path_checks import check_paths, errors_name
 from tfdb.data.sample_heads import epoch_of, numbers_of
+from tfdb.recordings.tf_definition import STATE
 
 from .channels import (
     COMMITS,
     SEQUENCES,
-    STATE,
     TF,
     TF_STATIC,
     missing,

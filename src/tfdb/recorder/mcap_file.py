@@ -12,9 +12,9 @@ from tfdb._core import __version__
 from tfdb.data.errors import RecordingError
 from tfdb.data.new_file import bring_to_disk, refuse_existing, take_name
 from tfdb.data.path_checks import errors_name
-from tfdb.recordings.tf_definition import qos_text
+from tfdb.recordings.tf_definition import LOST, STATE, qos_text
 
-from .channels import BYTES, COMMITS, LOST, SEQUENCES, STATE, TF, TF_STATIC, TRANSFORMS, wrapped
+from .channels import BYTES, COMMITS, SEQUENCES, TF, TF_STATIC, TRANSFORMS, wrapped
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from tfdb import _core
 
+from .recording import Run
+from .tf_definition import STATE
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
@@ -15,7 +18,6 @@ if TYPE_CHECKING:
 
     from .containers import Source
     from .open_recordings import OpenRecordings
-    from .recording import Run
     from .rewriter import Rewriter
 
     Integers: TypeAlias = npt.NDArray[np.int64]
@@ -76,6 +78,8 @@ class ArrivalReader:
     def begin(self, recordings: OpenRecordings, rewriter: Rewriter) -> None:
         """Start anew with recordings of which a rewriter chooses."""
         self._recordings, self._rewriter = recordings, rewriter
+        later = (each for each in recordings.files[1:] if STATE in {t.name for t in each.topics})
+        self._states = {id(source): each.start for each in later for source in each.all_sources}
         self._begin(with_store=False)
 
     def _begin(self, *, with_store: bool) -> None:
@@ -84,7 +88,13 @@ class ArrivalReader:
         self._log.hold(self._chosen.fixed_joints())
 
     def take(self, run: Run) -> None:
-        """Add the messages of a run."""
+        """Add the messages of a run, but for those that a split recording repeats."""
+        first, state = run.first, self._states.get(id(run.source))
+        while first < run.last and run.messages[first][0] == state:
+            first += 1
+        if first == run.last:
+            return
+        run = Run(run.messages, first, run.last, run.sources)
         kind = self._recordings.choice.kind(run.source)
         publishers = {id_: self._publisher(each) for id_, each in run.sources.items()}
         self._chosen.log(run, self._log, *kind, publishers=publishers)

@@ -25,6 +25,7 @@ from itertools import accumulate, repeat
 from typing import TYPE_CHECKING
 
 from tfdb._core import Recorded
+from tfdb.data.counting import counted
 from tfdb.data.errors import RecordingError
 
 from .containers import (
@@ -43,6 +44,7 @@ from .containers import (
     unpacked,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
+from .tf_definition import LOST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator
@@ -84,6 +86,7 @@ _FOOTER_SIZE = _HEAD + 20 + len(_MAGIC)
 _DATA_END_SIZE = _HEAD + 4
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _PAIR = struct.Struct("<HQ")
+_LOST_HEAD = struct.pack("<I", len(LOST)) + LOST.encode()
 _PIECE = 2**20
 # So many messages are worth the handling of a part of the file.
 _PART = 256
@@ -129,9 +132,17 @@ class _Index:
     summary: int = 0
     data_crc: int | None = None
     flaws: Counter[str] = field(default_factory=Counter)
+    lost: int = 0
+    """Commits that its recorder lost."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the file."""
+        text = f"{counted(self.lost, 'commit')} were lost when it was recorded"
+        return (f"{text}: they came faster than the disk took them",) if self.lost else ()
 
     def learn(self, kind: int, data: bytes) -> None:
-        """Take in a schema, channel, chunk index or statistics record."""
+        """Take in a schema, channel, chunk index, statistics or metadata record."""
         fields = _Fields(data)
         if kind == _SCHEMA:
             id_, name = fields.number(2), fields.text()
@@ -157,6 +168,10 @@ class _Index:
                 self.flaws[f"statistics that do not add up to {count} messages"] += 0
             else:
                 self.counts = counts
+        elif kind == _METADATA and data.startswith(_LOST_HEAD):
+            fields.text()
+            commits = fields.texts().get("commits", "")
+            self.lost += int(commits) if commits.isdecimal() else 0
 
     def learn_in_chunk(self, kind: int, data: bytes) -> None:
         """Take in a record of a chunk that is not a message, or too short for one."""
@@ -220,6 +235,14 @@ class _Fields:
         data = self._take(self.number(4))
         return dict(_PAIR.iter_unpack(data))
 
+    def texts(self) -> dict[str, str]:
+        """A map from texts to texts."""
+        fields, found = _Fields(self._take(self.number(4))), {}
+        while fields._at < len(fields._data):
+            name = fields.text()
+            found[name] = fields.text()
+        return found
+
     def skip(self, width: int) -> None:
         self._take(width)
 
@@ -250,7 +273,7 @@ def _whole(path: Path, file: RawFile) -> Container:
     _read_summary(file, index)
     if index.is_whole() and _is_covered(file, index):
         return _indexed(path, file, index)
-    gathered = Gathered()
+    gathered, index.lost = Gathered(), 0
     _Walk(file, index, gathered, strict=True).run(index.chunks, are_sure=True)
     walked = _walked(path, file, index, gathered)
     if walked.losses:
@@ -274,6 +297,8 @@ def _is_covered(file: RawFile, index: _Index) -> bool:
             kind, size = _RECORD.unpack(file.read(at, _HEAD))
             if kind in forbidden:
                 return False
+            if kind == _METADATA:
+                index.learn(kind, file.read(at + _HEAD, size))
             at += _HEAD + size
         if at != place:
             return False
@@ -338,15 +363,10 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         found.sort()
         return found
 
-    return Container(
-        path,
-        _topics(index, counts),
-        sources,
-        index.start,
-        payloads,
-        file.close,
-        survey=survey,
-    )
+    topics = _topics(index, counts)
+    made = Container(path, topics, sources, index.start, payloads, file.close, survey=survey)
+    made.notes = index.notes
+    return made
 
 
 def _chunks_of(index: _Index, ids: Collection[int]) -> list[_Chunk]:
@@ -401,15 +421,10 @@ def _walked(path: Path, file: RawFile, index: _Index, gathered: Gathered) -> Con
     counts = gathered.found()
     sources = _sources(path, index, counts)
     start = min((at for at, _, _ in gathered.messages), default=NO_START)
-    return Container(
-        path,
-        _topics(index, counts),
-        sources,
-        start,
-        gathered.payloads,
-        file.close,
-        gathered.losses(path, sources),
-    )
+    topics, losses = _topics(index, counts), gathered.losses(path, sources)
+    made = Container(path, topics, sources, start, gathered.payloads, file.close, losses)
+    made.notes = index.notes
+    return made
 
 
 def _sources(path: Path, index: _Index, counts: dict[int, int]) -> dict[int, Source]:
@@ -711,7 +726,7 @@ class _Walk:
             self._gather_chunk(record, size)
             if self._starts.get(at, start := _start_of(record)) != start:
                 self._note(_other_start(at))
-        elif kind in (_SCHEMA, _CHANNEL):
+        elif kind in (_SCHEMA, _CHANNEL, _METADATA):
             self._index.learn(kind, self._file.read(at + _HEAD, size))
         elif kind == _MESSAGE_INDEX:
             self._gather_message_index(self._file.read(at + _HEAD, size))

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+STATE = "/tfdb/state"
+"""A topic that files of tfdb.Recorder have: the first message of each file is the newest state."""
+LOST = "tfdb.lost"
+"""The metadata of commits that a tfdb.Recorder did not record."""
+
 TYPE = "tf2_msgs/TFMessage"
 ROS1_DIGEST = "94810edda583a504dfda3829e70d7eec"
 ROS2_DIGEST = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
