@@ -131,6 +131,21 @@ nb::object tree_columns(nb::handle self, nb::handle when) {
         pinned.ask_long([&](const Reads& reads) { return reads.tree_columns(stamp); }));
 }
 
+/// Without records: their types take longer to import than a command to answer.
+nb::object span(nb::handle self) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const TreeColumns all =
+        pinned.ask_long([](const Reads& reads) { return reads.tree_columns(std::nullopt); });
+    StampNs first = clock::kMaxStamp;
+    StampNs last = -1;
+    for (const TreeColumns::Row& row : all.rows) {
+        if (row.oldest >= 0)
+            first = std::min(first, row.oldest);
+        last = std::max(last, row.newest);
+    }
+    return last < 0 ? nb::object(nb::none()) : nb::object(nb::make_tuple(first, last));
+}
+
 nb::tuple samples(nb::handle self, nb::handle name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
@@ -283,6 +298,8 @@ ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was
 
 Row i is the i-th frame by name; the values are those of its FrameInfo, and an array holds -1 or NaN
 where that has None.)");
+    type.def("_span", &span, nb::sig("def _span(self) -> tuple[int, int] | None"),
+             "The first and the last stamp of all moving edges; None where nothing moves.");
     type.def("samples", &samples, nb::arg("name").none(),
              nb::sig("def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], "
                      "numpy.typing.NDArray[numpy.float64], list[str]]"),

@@ -455,6 +455,11 @@ class Reads:
         where that has None.
         """
 
+    def _span(self) -> tuple[int, int] | None:
+        """
+        The first and the last stamp of all moving edges; None where nothing moves.
+        """
+
     def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], list[str]]:
         """
         All retained samples T[parent<-name] of the edge from `name` to its parents.

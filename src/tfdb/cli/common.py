@@ -20,7 +20,7 @@ from tfdb.data.suggestions import near_names
 from tfdb.data.time_text import format_dates, format_ns
 from tfdb.recordings.selection import Selection
 from tfdb.store.frozen import is_frozen
-from tfdb.store.summary import Forest, span
+from tfdb.store.summary import Forest
 
 from . import output
 from .graph import STORE, is_graph, listen_once
@@ -161,7 +161,7 @@ class Loaded:
     @property
     def span(self) -> tuple[int, int] | None:
         """The first and the last moving stamp in nanoseconds; None where nothing moves."""
-        return span(self.store.tree())
+        return self.store._span()
 
 
 def is_live(name: str) -> bool:
