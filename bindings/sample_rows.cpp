@@ -1,5 +1,10 @@
-// Samples of commits as the rows of one table, and as records: what streams read.
+// Samples of commits as the rows of one table, and as records: what streams read and give.
+#include <array>
+#include <cstddef>
 #include <cstring>
+#include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "arguments.hpp"
@@ -7,8 +12,12 @@
 #include "bytes_like.hpp"
 #include "errors.hpp"
 #include "reads.hpp"
+#include "records.hpp"
 #include "tfdb/wire/commit_sample.hpp"
 #include "transform.hpp"
+
+// Behind Python.h, which it lacks.
+#include <structmember.h>
 
 namespace tfdb::python {
 namespace {
@@ -98,48 +107,257 @@ nb::tuple rows_of_commits(nb::handle data) {
     return nb::make_tuple(sample.last, table.columns(), table.resets());
 }
 
-/// Of a row: the object at `row` of one of its lists.
-PyObject* item(nb::handle list, std::size_t row) {
-    return PyList_GetItem(list.ptr(), static_cast<Py_ssize_t>(row));
+// -- rows as samples ----------------------------------------------------------------------------
+
+nb::object checked(PyObject* made) {
+    if (made == nullptr)
+        throw nb::python_error();
+    return nb::steal(made);
 }
 
-/// A tuple of a subclass, without the arguments of its `__new__`.
-nb::object named_tuple(nb::handle type, const nb::tuple& members) {
-    const nb::object arguments = nb::steal(PyTuple_Pack(1, members.ptr()));
-    return nb::steal(
-        PyTuple_Type.tp_new(reinterpret_cast<PyTypeObject*>(type.ptr()), arguments.ptr(), nullptr));
-}
+/// The columns that `rows_of_commits` returned: each row becomes a Sample.
+/// Threads: the holder of the GIL; without one, any. Guarantee: none of it changes.
+class SampleRows {
+public:
+    /// Throws InvalidArgument.
+    SampleRows(nb::handle parents, nb::handle children, nb::handle stamps, nb::handle poses,
+               nb::handle statics, nb::handle commits, nb::handle authorities)
+        : count_(nb::len(parents)),
+          parents_(list_of(parents)),
+          children_(list_of(children)),
+          authorities_(list_of(authorities)),
+          stamps_(view_of(stamps)),
+          poses_(view_of(poses)),
+          statics_(view_of(statics)),
+          commits_(view_of(commits)),
+          type_(record_type("Sample")),
+          make_(reinterpret_cast<newfunc>(PyType_GetSlot(&PyTuple_Type, Py_tp_new))) {}
 
-nb::list samples_of_rows(const nb::list& parents, const nb::list& children, nb::handle stamps,
-                         nb::handle poses, nb::handle statics, nb::handle commits,
-                         const nb::list& authorities) {
-    const auto stamp_view = ArrayView::of(stamps, false);
-    const auto pose_view = ArrayView::of(poses, false);
-    const auto static_view = ArrayView::of(statics, false);
-    const auto commit_view = ArrayView::of(commits, false);
-    const std::size_t count = nb::len(parents);
-    for (const auto* view : {&stamp_view, &pose_view, &static_view, &commit_view}) {
-        if (!*view || !(*view)->contiguous() || (*view)->extent(0) != count)
-            throw InvalidArgument("rows must be those that rows_of_commits returned");
-    }
-    if (nb::len(children) != count || nb::len(authorities) != count)
-        throw InvalidArgument("rows must be those that rows_of_commits returned");
-    const nb::object type = nb::module_::import_("tfdb.data.types").attr("Sample");
-    nb::list samples;
-    for (std::size_t row = 0; row < count; ++row) {
+    [[nodiscard]] Py_ssize_t size() const { return static_cast<Py_ssize_t>(count_); }
+    [[nodiscard]] nb::object sample(Py_ssize_t row) const {
         geometry::Pose pose;
-        std::memcpy(&pose, pose_view->data<double>() + 7 * row, sizeof pose);
-        const StampNs stamp = stamp_view->data<StampNs>()[row];
-        const auto commit = static_cast<CommitNumber>(commit_view->data<StampNs>()[row]);
-        nb::object transform =
-            nb::steal(new_transform(pose, stamp, commit, {}, Py_NewRef(item(parents, row)),
-                                    Py_NewRef(item(children, row)), nullptr));
-        const nb::object at =
-            static_view->data<bool>()[row] ? nb::object(nb::none()) : nb::object(nb::int_(stamp));
-        samples.append(named_tuple(
-            type, nb::make_tuple(transform, at, commit, nb::borrow(item(authorities, row)))));
+        std::memcpy(&pose, poses_.data<double>() + 7 * row, sizeof pose);
+        const StampNs stamp = stamps_.data<StampNs>()[row];
+        const StampNs commit = commits_.data<StampNs>()[row];
+        const nb::object transform =
+            checked(new_transform(pose, stamp, static_cast<CommitNumber>(commit), {},
+                                  item(parents_, row), item(children_, row), nullptr));
+        const nb::object number = checked(PyLong_FromLongLong(commit));
+        const nb::object at = statics_.data<bool>()[row] ? nb::object(nb::none())
+                                                         : checked(PyLong_FromLongLong(stamp));
+        const nb::object members = checked(
+            PyTuple_Pack(4, transform.ptr(), at.ptr(), number.ptr(), item(authorities_, row)));
+        const nb::object arguments = checked(PyTuple_Pack(1, members.ptr()));
+        // As tuples are made: without the arguments of the class's own `__new__`.
+        return checked(
+            make_(reinterpret_cast<PyTypeObject*>(type_.ptr()), arguments.ptr(), nullptr));
     }
-    return samples;
+
+private:
+    [[noreturn]] static void refuse() {
+        throw InvalidArgument("rows must be those that rows_of_commits returned");
+    }
+    [[nodiscard]] nb::list list_of(nb::handle column) const {
+        if (PyList_Check(column.ptr()) == 0 || nb::len(column) != count_)
+            refuse();
+        return nb::borrow<nb::list>(column);
+    }
+    [[nodiscard]] ArrayView view_of(nb::handle column) const {
+        std::optional<ArrayView> view = ArrayView::of(column, false);
+        if (!view || !view->contiguous() || view->extent(0) != count_)
+            refuse();
+        return std::move(*view);
+    }
+    [[nodiscard]] static PyObject* item(const nb::list& column, Py_ssize_t row) {
+        return PyList_GetItem(column.ptr(), row);
+    }
+
+    std::size_t count_;
+    nb::list parents_;
+    nb::list children_;
+    nb::list authorities_;
+    ArrayView stamps_;
+    ArrayView poses_;
+    ArrayView statics_;
+    ArrayView commits_;
+    nb::object type_;
+    newfunc make_;
+};
+
+/// The native part of a Stream, whose methods in Python read and write the members under the lock.
+/// Threads: any, with the GIL where there is one. Guarantee: `__next__` takes no row while another
+/// thread has the lock.
+struct StreamRowsObject {
+    PyObject_HEAD PyObject* lock;
+    std::shared_ptr<const SampleRows> rows;  // null: none were read
+    Py_ssize_t next;                         // the row that is read next
+    char has_read;
+    char ended;
+};
+
+StreamRowsObject& stream_of(PyObject* self) {
+    return *reinterpret_cast<StreamRowsObject*>(self);
+}
+
+PyObject* g_locked = nullptr;
+PyObject* g_acquire = nullptr;
+PyObject* g_release = nullptr;
+PyObject* g_next_slowly = nullptr;
+
+#ifdef Py_GIL_DISABLED
+
+/// A lock of Python's for its lifetime, unless another thread has it.
+/// Threads: one. Guarantee: waits for nothing.
+class Turn {
+public:
+    explicit Turn(PyObject* lock) : lock_(nb::borrow(lock)) {
+        std::array<PyObject*, 2> all{lock, Py_False};
+        has_it_ = checked(PyObject_VectorcallMethod(g_acquire, all.data(), all.size(), nullptr))
+                      .is(nb::handle(Py_True));
+    }
+    ~Turn() {
+        PyObject* const lock = lock_.ptr();
+        if (has_it_)
+            Py_XDECREF(PyObject_VectorcallMethod(g_release, &lock, 1, nullptr));
+    }
+    Turn(const Turn&) = delete;
+    Turn& operator=(const Turn&) = delete;
+
+    [[nodiscard]] explicit operator bool() const { return has_it_; }
+
+private:
+    nb::object lock_;
+    bool has_it_ = false;
+};
+
+#else
+
+/// Whether no thread has a lock of Python's: none takes it while the caller keeps the GIL.
+/// Threads: the holder of the GIL. Guarantee: waits for nothing.
+class Turn {
+public:
+    explicit Turn(PyObject* lock)
+        : has_it_(checked(PyObject_VectorcallMethod(g_locked, &lock, 1, nullptr))
+                      .is(nb::handle(Py_False))) {}
+
+    [[nodiscard]] explicit operator bool() const { return has_it_; }
+
+private:
+    bool has_it_;
+};
+
+#endif
+
+PyObject* next_sample(PyObject* self) {
+    return guarded([&]() -> PyObject* {
+        StreamRowsObject& stream = stream_of(self);
+        std::shared_ptr<const SampleRows> rows;
+        Py_ssize_t row = 0;
+        if (stream.lock != nullptr) {
+            const Turn turn(stream.lock);
+            if (turn && stream.ended == 0 && stream.rows && stream.next < stream.rows->size()) {
+                rows = stream.rows;
+                row = stream.next++;
+                stream.has_read = 1;
+            }
+        }
+        if (rows)
+            return rows->sample(row).release().ptr();
+        return PyObject_CallMethodObjArgs(self, g_next_slowly, nullptr);
+    });
+}
+
+PyObject* set_rows(PyObject* self, PyObject* const* args, Py_ssize_t count) {
+    return guarded([&]() -> PyObject* {
+        if (count != 7)
+            throw nb::type_error("_set_rows takes the seven columns of rows_of_commits");
+        // Those before go last: their end may run any code.
+        auto rows = std::make_shared<const SampleRows>(args[0], args[1], args[2], args[3], args[4],
+                                                       args[5], args[6]);
+        stream_of(self).rows.swap(rows);
+        return Py_NewRef(Py_None);
+    });
+}
+
+PyObject* sample_of_row(PyObject* self, PyObject* row) {
+    return guarded([&]() -> PyObject* {
+        const std::shared_ptr<const SampleRows> rows = stream_of(self).rows;
+        const Py_ssize_t wanted = PyNumber_AsSsize_t(row, PyExc_IndexError);
+        if (wanted == -1 && PyErr_Occurred() != nullptr)
+            throw nb::python_error();
+        if (rows == nullptr || wanted < 0 || wanted >= rows->size())
+            throw nb::index_error("no such row");
+        return rows->sample(wanted).release().ptr();
+    });
+}
+
+PyObject* new_stream(PyTypeObject* type, PyObject* /*args*/, PyObject* /*keywords*/) {
+    PyObject* const self = PyType_GenericAlloc(type, 0);
+    if (self != nullptr)
+        new (&stream_of(self).rows) std::shared_ptr<const SampleRows>();
+    return self;
+}
+
+int traverse_stream(PyObject* self, visitproc visit, void* arg) {
+    Py_VISIT(Py_TYPE(self));
+    Py_VISIT(stream_of(self).lock);
+    return 0;
+}
+
+int clear_stream(PyObject* self) {
+    Py_CLEAR(stream_of(self).lock);
+    return 0;
+}
+
+void deallocate_stream(PyObject* self) {
+    PyTypeObject* const type = Py_TYPE(self);
+    PyObject_GC_UnTrack(self);
+    clear_stream(self);
+    stream_of(self).rows.~shared_ptr();
+    PyObject_GC_Del(self);
+    Py_DECREF(type);
+}
+
+PyMemberDef g_stream_members[] = {
+    {"_lock", T_OBJECT, offsetof(StreamRowsObject, lock), 0, nullptr},
+    {"_next", T_PYSSIZET, offsetof(StreamRowsObject, next), 0, nullptr},
+    {"_has_read", T_BOOL, offsetof(StreamRowsObject, has_read), 0, nullptr},
+    {"_ended", T_BOOL, offsetof(StreamRowsObject, ended), 0, nullptr},
+    {nullptr, 0, 0, 0, nullptr},
+};
+
+PyMethodDef g_stream_methods[] = {
+    {"_set_rows", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(set_rows)),
+     METH_FASTCALL,
+     "_set_rows($self, /, *columns)\n--\n\nHold the columns that `rows_of_commits` returned."},
+    {"_sample", sample_of_row, METH_O,
+     "_sample($self, row, /)\n--\n\nReturn a row of those as a Sample."},
+    {nullptr, nullptr, 0, nullptr},
+};
+
+PyType_Slot g_stream_slots[] = {
+    {Py_tp_new, reinterpret_cast<void*>(new_stream)},
+    {Py_tp_traverse, reinterpret_cast<void*>(traverse_stream)},
+    {Py_tp_clear, reinterpret_cast<void*>(clear_stream)},
+    {Py_tp_dealloc, reinterpret_cast<void*>(deallocate_stream)},
+    {Py_tp_iternext, reinterpret_cast<void*>(next_sample)},
+    {Py_tp_members, g_stream_members},
+    {Py_tp_methods, g_stream_methods},
+    {Py_tp_doc, const_cast<char*>("The native part of `Stream`: the rows that it has read, and "
+                                  "the next one.")},
+    {0, nullptr},
+};
+
+PyType_Spec g_stream_spec = {
+    "tfdb._core.StreamRows",
+    sizeof(StreamRowsObject),
+    0,
+    Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE | Py_TPFLAGS_HAVE_GC,
+    g_stream_slots,
+};
+
+PyObject* interned(const char* name) {
+    return checked(PyUnicode_InternFromString(name)).release().ptr();
 }
 
 }  // namespace
@@ -154,16 +372,11 @@ void bind_sample_rows(nb::module_& module) {
         "Read the samples in bytes of `commits_bytes` or `state_bytes`.\n\n"
         "Returns the last commit; parents, children, stamps, poses, which rows are static, "
         "commits and authorities; and, before a row, the frames that a commit cleared or removed.");
-    module.def("samples_of_rows", &samples_of_rows, nb::arg("parents"), nb::arg("children"),
-               nb::arg("stamps"), nb::arg("poses"), nb::arg("statics"), nb::arg("commits"),
-               nb::arg("authorities"),
-               nb::sig("def samples_of_rows(parents: list[str], children: list[str], stamps: "
-                       "numpy.typing.NDArray[numpy.int64], poses: "
-                       "numpy.typing.NDArray[numpy.float64], statics: "
-                       "numpy.typing.NDArray[numpy.bool_], commits: "
-                       "numpy.typing.NDArray[numpy.int64], authorities: list[str]) -> "
-                       "list[tfdb.types.Sample]"),
-               "The rows that `rows_of_commits` returned, each as a Sample.");
+    g_locked = interned("locked");
+    g_acquire = interned("acquire");
+    g_release = interned("release");
+    g_next_slowly = interned("_next_slowly");
+    module.attr("StreamRows") = checked(PyType_FromSpec(&g_stream_spec));
 }
 
 }  // namespace tfdb::python

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 import os
+from threading import Lock
 from typing import Any, Literal, Self, final, overload
 
 import numpy
@@ -2291,8 +2292,29 @@ def rows_of_commits(data: bytes) -> tuple[int, tuple[list[str], list[str], numpy
     Returns the last commit; parents, children, stamps, poses, which rows are static, commits and authorities; and, before a row, the frames that a commit cleared or removed.
     """
 
-def samples_of_rows(parents: list[str], children: list[str], stamps: numpy.typing.NDArray[numpy.int64], poses: numpy.typing.NDArray[numpy.float64], statics: numpy.typing.NDArray[numpy.bool_], commits: numpy.typing.NDArray[numpy.int64], authorities: list[str]) -> list[tfdb.types.Sample]:
-    """The rows that `rows_of_commits` returned, each as a Sample."""
+class StreamRows:
+    """The native part of `Stream`: the rows that it has read, and the next one."""
+
+    _lock: Lock
+    _next: int
+    _has_read: bool
+    _ended: bool
+    def _set_rows(
+        self,
+        parents: list[str],
+        children: list[str],
+        stamps: numpy.typing.NDArray[numpy.int64],
+        poses: numpy.typing.NDArray[numpy.float64],
+        statics: numpy.typing.NDArray[numpy.bool_],
+        commits: numpy.typing.NDArray[numpy.int64],
+        authorities: list[str],
+        /,
+    ) -> None:
+        """Hold the columns that `rows_of_commits` returned."""
+    def _sample(self, row: int, /) -> tfdb.types.Sample:
+        """Return a row of those as a Sample."""
+    def __next__(self) -> tfdb.types.Sample:
+        """Read the next sample: as `read_next`, which it calls where no row is unread."""
 
 def messages_of_commits(data: bytes, since: int, choose: Callable[[str], tuple[str, bool]] | None) -> list[tuple[int, bytes | None, bytes | None, bytes | None]]:
     """

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from tfdb import errors
 from tfdb.streams.rows import stretches_of_bytes, stretches_of_changes
 
 if TYPE_CHECKING:
+    from tfdb.streams.rows import Stretch
     from tfdb.types import Sample
 
 
@@ -462,6 +465,14 @@ def test_bad_arguments_are_refused() -> None:
     assert buf.memory().used_bytes > 0
 
 
+def table(stretches: list[Stretch]) -> list[tuple[Any, ...]]:
+    return [
+        row
+        for stretch in stretches
+        for row in zip(*(list(map(str, column)) for column in stretch.rows.columns()), strict=True)
+    ]
+
+
 def test_stretches_of_bytes_are_those_of_changes() -> None:
     """Bytes of commits and records of changes tell the same samples, and the same clears."""
     buf = mixed_buffer()
@@ -477,10 +488,97 @@ def test_stretches_of_bytes_are_those_of_changes() -> None:
     assert [stretch.cleared for stretch in found if stretch.cleared] == [
         stretch.cleared for stretch in told if stretch.cleared
     ]
-    assert [row for stretch in found for row in flat(stretch.rows.samples())] == [
-        row for stretch in told for row in flat(stretch.rows.samples())
-    ]
+    assert table(found) == table(told)
     assert [len(stretch.rows) for stretch in found] == [0, 1, 2]
+
+
+def test_next_is_the_same_as_read_next() -> None:
+    buf = mixed_buffer()
+    at = buf.commit
+    iterated, read, mixed = (buf.follow(since=at) for _ in range(3))
+    for stamp in range(50, 90, 10):
+        store(buf, ["a", "b", "c"], stamp, f"writer {stamp}")
+        buf.set_static_transform("a", f"camera{stamp}", (0.5, 0, 0))
+    expected = read_all(read)
+    assert flat(expected) == recorded(buf, at)
+    commits = [sample.commit for sample in expected]
+    for place, sample in zip(range(len(expected)), iterated, strict=False):
+        assert (sample, type(sample)) == (expected[place], type(expected[place]))
+        assert (sample.transform.commit, hash(sample)) == (sample.commit, hash(expected[place]))
+        is_cut = commits[place + 1 : place + 2] == [sample.commit]
+        assert iterated.commit == sample.commit - is_cut
+    for place in range(0, len(expected), 2):
+        assert next(mixed) == expected[place]
+        assert mixed.read_next() == expected[place + 1]
+    assert mixed.read_back() == expected[-2]
+    assert next(mixed) == expected[-1]
+    for stream in (iterated, read, mixed):
+        stream.close()
+
+
+def test_close_ends_an_iteration_though_samples_are_unread() -> None:
+    buf = tfdb.Buffer()
+    stream = buf.follow()
+    store(buf, ["a", "b"], 10)
+    for sample in stream:
+        assert sample.transform.source == "a"
+        stream.close()
+    assert list(stream) == []
+    assert stream.commit == 0
+
+
+def test_an_iteration_goes_on_behind_an_error() -> None:
+    buf = tfdb.Buffer(history=1e-6)
+    with buf.follow(hold=False) as stream:
+        fill_the_feed(buf, 40_000)
+        with pytest.raises(errors.FeedLapped):
+            next(stream)
+        assert next(stream).commit > stream.missed > 0
+
+
+def test_threads_share_an_iteration() -> None:
+    buf = tfdb.Buffer()
+    names = [f"f{place}" for place in range(10)]
+    with buf.follow() as stream:
+        found: list[list[Sample]] = []
+
+        def read() -> None:
+            mine: list[Sample] = []
+            found.append(mine)
+            with suppress(errors.StreamClosed):
+                for sample in stream:
+                    mine.append(sample)
+                    if (more := stream.read_next()) is not None:
+                        mine.append(more)
+
+        threads = [threading.Thread(target=read) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for stamp in range(10, 10_000, 10):
+            store(buf, names, stamp)
+        expected = recorded(buf)
+        while sum(map(len, found)) < len(expected):
+            buf.wait_for_commit(0)
+        stream.close()
+        for thread in threads:
+            thread.join()
+    rows = [row for mine in found for row in flat(mine)]
+    assert sorted(rows) == sorted(expected)
+    for mine in found:
+        commits = [sample.commit for sample in mine]
+        assert commits == sorted(commits)
+
+
+def test_dropped_samples_keep_no_names() -> None:
+    buf = tfdb.Buffer()
+    with buf.follow() as stream:
+        store(buf, ["arm"], 10)
+        sample = next(stream)
+        parent, child = sample.transform.target, sample.transform.source
+        del sample
+        store(buf, ["head"], 10)
+        next(stream)  # the rows before it go
+    assert (sys.getrefcount(parent), sys.getrefcount(child)) == (2, 2)
 
 
 def test_close_ends_a_read_that_waits_with_an_error() -> None:

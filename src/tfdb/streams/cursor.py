@@ -42,6 +42,8 @@ class Cursor(Reader[Item]):
     One thread reads at a time, others wait for it; any thread may close it.
     """
 
+    _takes_every_commit = False
+
     def __init__(
         self,
         buffer: Buffer,
@@ -61,7 +63,8 @@ class Cursor(Reader[Item]):
         self._gone = 0
         self._missed = 0
         self._lock = threading.Lock()
-        self._closing = threading.Event()
+        self._ended = False
+        self._closing = threading.Event()  # wakes who waits
         self._ends: set[Callable[[], None]] = set()  # of asynchronous waits
         try:
             self._watch: Watch | None = watch()
@@ -93,11 +96,11 @@ class Cursor(Reader[Item]):
     @property
     def closed(self) -> bool:
         """Whether `close` was called. A child of `fork` finds its streams closed."""
-        return self._closing.is_set()
+        return self._ended
 
     def close(self) -> None:
         """Release what the stream holds, and end its reads in all threads."""
-        self._closing.set()
+        self._end()
         if self._watch is not None:
             self._watch.close()
         for end in tuple(self._ends):
@@ -105,6 +108,10 @@ class Cursor(Reader[Item]):
         with self._lock:
             if self._held is not None:
                 self._held.close()
+
+    def _end(self) -> None:
+        self._ended = True
+        self._closing.set()
 
     async def __anext__(self) -> Item:
         try:
@@ -115,7 +122,7 @@ class Cursor(Reader[Item]):
         return item
 
     def _check_open(self) -> None:
-        if self._closing.is_set():
+        if self._ended:
             raise StreamClosed("the stream is closed: make another by Buffer.follow()")
 
     def _wait(self, until: float | None) -> bool:
@@ -138,7 +145,7 @@ class Cursor(Reader[Item]):
         if self._watch is None:
             _ = self._buffer.commit
             self._closing.wait(self._poll if left is None else min(self._poll, left))
-            return not self._closing.is_set()
+            return not self._ended
         try:
             touched = self._watch.next(self._position, left, limit=1)
         except WatchClosed:
@@ -181,7 +188,7 @@ class Cursor(Reader[Item]):
         while (newest := self._buffer.commit) > self._position:
             taken = None if self._held is None else self._buffer.snapshot()
             try:
-                if self._watch is not None and not self._look(0):
+                if not (self._takes_every_commit or self._watch is None or self._look(0)):
                     self._position = max(newest, self._position)
                 elif read():
                     return True
@@ -216,7 +223,7 @@ _open: WeakSet[Cursor[Any]] = WeakSet()
 def _close_in_child() -> None:
     for cursor in list(_open):
         cursor._lock = threading.Lock()  # the thread that held it is not in this process
-        cursor._closing.set()
+        cursor._end()
 
 
 os.register_at_fork(after_in_child=_close_in_child)

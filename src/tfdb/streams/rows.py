@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import chain, compress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tfdb._core import rows_of_commits, samples_of_rows
+from tfdb._core import rows_of_commits
 from tfdb.data.types import Batch, Columns
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from tfdb.data.types import Changes, Sample
+    from tfdb.data.types import Changes
 
 __all__: list[str] = []
 
@@ -51,11 +51,10 @@ class Rows:
 
     def columns(self) -> tuple[Any, ...]:
         """Return all columns, in the order of the fields."""
-        return tuple(getattr(self, field.name) for field in fields(self))
-
-    def samples(self) -> list[Sample]:
-        """Return each row as a Sample."""
-        return samples_of_rows(*self.columns())
+        return (
+            self.parents, self.children, self.stamps, self.poses, self.statics, self.commits,
+            self.authorities,
+        )  # fmt: skip
 
     def batch(self) -> Batch:
         """Return the moving and the static rows as columns."""

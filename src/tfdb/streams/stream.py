@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfdb._core import duration_to_nanoseconds, to_nanoseconds
+from tfdb._core import StreamRows, duration_to_nanoseconds, to_nanoseconds
 from tfdb.data.argument_checks import check_count
 from tfdb.data.errors import FeedLapped, Gone, InvalidArgument, StreamClosed
 from tfdb.data.lazy_names import belong_to
@@ -34,15 +34,17 @@ __all__ = ["Stream"]
 _COMMITS = 4096  # that are read at once, at most
 _BYTES = 1 << 20
 _RECORDS = 64
+_GATHERS = 0.001  # seconds: so long do waits rest between two looks as well
 
 
-class Stream(Cursor["Sample"]):
+class Stream(StreamRows, Cursor["Sample"]):
     """A cursor over the samples that commits store: each once, in the order of commits.
 
     `Buffer.follow()` makes it. Iterate over it, over `batches()` or over `changes()`, or call the
     `read_` methods. Within a commit the samples come edge by edge in stamp order, the moving ones
     first. `Stream` is a context manager; `close()` ends all its reads, from any thread. One thread
-    reads at a time, and others wait for it.
+    reads at a time, and others wait for it. Commits that come within a millisecond of the last read
+    may be read together, at its end.
     """
 
     def __init__(
@@ -58,12 +60,11 @@ class Stream(Cursor["Sample"]):
         poll: float,
     ) -> None:
         self._frames = frames
+        self._takes_every_commit = frames is None
         self._separation = separation_of(min_separation)
         self._delivered: dict[str, int] = {}  # the stamp that was read last, by child
         self._rows = NONE
-        self._made: list[Sample] | None = None  # of `_rows`
-        self._next = 0  # the row that is read next
-        self._has_read = False
+        self._read_at = 0.0  # when those were read
         self._held_commit = 0  # of the rows that were there before the stream
         self._floor = 0  # `read_back` reads later commits only
         self._records: deque[Changes] = deque()
@@ -89,15 +90,6 @@ class Stream(Cursor["Sample"]):
         if self._unread:
             return int(self._rows.commits[self._next]) - 1
         return self._records[0].commit - 1 if self._records else self._position
-
-    def __next__(self) -> Sample:
-        with self._lock:
-            made, row = self._made, self._next
-            if made is not None and row < len(made) and not self._closing.is_set():
-                self._next = row + 1
-                self._has_read = True
-                return made[row]
-        return super().__next__()
 
     def read_next(self, n: int = 1, timeout: float | None = 0) -> Sample | None:
         """Read the sample that is `n` after the one read last.
@@ -126,6 +118,8 @@ class Stream(Cursor["Sample"]):
         with self._lock:
             self._check_open()
             while self._unread < n:
+                if until is None:
+                    self._gather()
                 if not self._more(self._read_rows) and not self._wait(until):
                     return None
             return self._move(n)
@@ -288,19 +282,30 @@ class Stream(Cursor["Sample"]):
         self._has_read = True
         return self._sample(self._next - 1)
 
-    def _sample(self, row: int) -> Sample:
-        if self._made is None:
-            self._made = self._rows.samples()
-        return self._made[row]
+    def _next_slowly(self) -> Sample:
+        """Implements `__next__` where no row is unread, or another thread reads."""
+        return Cursor.__next__(self)
+
+    def _keep(self, rows: Rows, row: int) -> None:
+        """Read these rows from now on, that one first."""
+        self._set_rows(*rows.columns())
+        self._rows, self._next = rows, row
 
     def _append(self, rows: Rows) -> None:
         """Put rows behind those that are unread, and forget the others."""
         if self._separation is not None:
             rows = self._separated(rows, self._separation)
-        if len(rows):
-            self._rows = joined([self._rows.part(self._next, len(self._rows)), rows])
-            self._next = 0
-            self._made = None
+        if not len(rows):
+            return
+        if self._unread:
+            rows = joined([self._rows.part(self._next, len(self._rows)), rows])
+        self._keep(rows, 0)
+        self._read_at = time.monotonic()
+
+    def _gather(self) -> None:
+        """Let commits that come without a pause gather: they are read together."""
+        if (left := self._read_at + _GATHERS - time.monotonic()) > 0:
+            time.sleep(left)
 
     def _separated(self, rows: Rows, separation: int) -> Rows:
         kept = rows.statics.copy()
@@ -361,9 +366,7 @@ class Stream(Cursor["Sample"]):
                 rows = rows.chosen(np.isin(rows.children, self._frames))
             if len(rows) > known:
                 rows = rows.part(0, len(rows) - known)
-                self._rows = joined([rows, self._rows])
-                self._made = None
-                self._next += len(rows)
+                self._keep(joined([rows, self._rows]), self._next + len(rows))
                 return True
             last, known = since, 0
         return False
@@ -419,7 +422,7 @@ class Stream(Cursor["Sample"]):
         commit = int(rows.commits[0])
         is_cut = self._next > 0 and self._rows.commits[self._next - 1] == commit
         self._position = commit if is_cut or commit == self._held_commit else commit - 1
-        self._rows, self._next = NONE, 0
+        self._keep(NONE, 0)
         if is_cut or commit != self._held_commit:
             return None
         batch = rows.batch()
