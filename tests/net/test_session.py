@@ -231,8 +231,33 @@ def test_a_router_that_is_not_there_and_an_endpoint_that_is_taken() -> None:
         with pytest.raises(ConnectionError, match="the endpoint is taken"):
             tfdb.net.Session(listen=endpoint)
     session.close()
+    with pytest.raises(tfdb.InvalidArgument, match="is closed: make another"):
+        tfdb.net.publish(tfdb.Buffer(), NAME, session=session)
     with pytest.raises(TypeError, match=r"session is a tfdb\.net\.Session"):
         tfdb.net.publish(tfdb.Buffer(), NAME, session=7)  # type: ignore[arg-type]
+
+
+def test_a_process_ends_that_closes_nothing() -> None:
+    code = """
+import sys, tfdb
+session = tfdb.net.Session(listen=sys.argv[1])
+home = tfdb.net.publish(tfdb.Buffer(), "robot1", session=session)
+mirror = tfdb.net.mirror("robot1", into=tfdb.Buffer(), session=session)
+mirror.wait_until_live(10)
+print(mirror.state)
+"""
+    command = [sys.executable, "-c", code, free_endpoint()]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LONGEST)
+    assert (done.stdout, done.stderr) == ("live\n", "")
+
+
+def test_a_session_that_is_closed_first_ends_its_home() -> None:
+    source = tfdb.Buffer()
+    session = tfdb.net.Session(listen=free_endpoint())
+    with tfdb.net.publish(source, NAME, session=session) as home, home.events() as events:
+        session.close()
+        assert "session closed" in wait_for(events, "ended").text
+        assert home.state == "ended"
 
 
 def test_nothing_listens_unless_asked() -> None:

@@ -13,6 +13,7 @@ from tfdb.data.errors import StreamClosed
 from tfdb.streams.reader import Reader, deadline
 
 if TYPE_CHECKING:
+    import tfdb.data.types
     from tfdb.data.types import Epoch
 
 LOGGER = logging.getLogger("tfdb.net")
@@ -38,13 +39,13 @@ class Event(NamedTuple):
     """When, nanoseconds since 1970."""
     name: str
     """The namespace."""
-    kind: Kind
+    kind: str
     """What happened."""
     text: str
     """A sentence about it."""
-    before: tuple[Epoch, int] | None = None
+    before: tuple[tfdb.data.types.Epoch, int] | None = None
     """Rewound: where the mirror was. Fenced: the last commit that both homes have, if known."""
-    after: tuple[Epoch, int] | None = None
+    after: tuple[tfdb.data.types.Epoch, int] | None = None
     """Rewound: where it is now. Fenced: the last commit of the home that stopped."""
 
     def __str__(self) -> str:

@@ -75,15 +75,20 @@ class Session:
             self._where = ", ".join(there)
             data, tokens = config_for("client", there, []), config_for("client", there, [])
         self._link: Link = open_link(data, tokens, self._where)
+        self._is_closed = False
 
     @property
     def link(self) -> Link:
         """What homes and mirrors use."""
+        if self._is_closed:
+            raise InvalidArgument(f"the session at {self._where} is closed: make another")
         return self._link
 
     def close(self) -> None:
         """Close it. A second call does nothing."""
-        self._link.close()
+        if not self._is_closed:
+            self._is_closed = True
+            self._link.close()
 
     def __enter__(self) -> Self:
         return self

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -81,13 +82,23 @@ class ZenohLink:
         self._data, self._tokens = data, tokens
         self._pool = ThreadPoolExecutor(_ANSWERS, "tfdb answers")
         self._waiting = threading.Semaphore(_ANSWERS + _MOST_QUESTIONS)
+        self._is_ending = False
+        _OPEN.add(self)
 
     def send(self, name: str) -> tuple[Callable[[bytes], None], Declared]:
         """See `Link`."""
         publisher = self._data.declare_publisher(
             log_key(name), congestion_control=zenoh.CongestionControl.DROP, express=True
         )
-        return publisher.put, _Declared(publisher)
+
+        def put(data: bytes) -> None:
+            try:
+                publisher.put(data)
+            except zenoh.ZError:
+                if not self._is_ending:
+                    raise
+
+        return put, _Declared(publisher)
 
     def hear(self, name: str, take: Callable[[bytes], None]) -> Declared:
         """See `Link`."""
@@ -162,11 +173,29 @@ class ZenohLink:
             found += [each for each in read if each is not None]
         return found
 
+    def end(self) -> None:
+        """Close it at the end of the process: homes and mirrors may still use it."""
+        self._is_ending = True
+        self.close()
+
     def close(self) -> None:
         """See `Link`."""
+        _OPEN.discard(self)
         self._pool.shutdown()
         self._tokens.close()
         self._data.close()
+
+
+_OPEN: weakref.WeakSet[ZenohLink] = weakref.WeakSet()
+
+
+def _close_all() -> None:
+    for link in list(_OPEN):
+        link.end()
+
+
+# Zenoh's threads are threads of Python that a process waits for at its end, before `atexit`.
+threading._register_atexit(_close_all)  # type: ignore[attr-defined]
 
 
 def _token(sample: zenoh.Sample) -> Token | None:
