@@ -51,6 +51,7 @@ class NaiveJudge:
         self.samples: dict[tuple[str, Any], list[float]] = {}
         self.broken: set[tuple[str, Any]] = set()
         self.counts: dict[tuple[str, Any], int] = {}
+        self.worst: dict[tuple[str, Any], float] = {}
         self.events: list[tuple[Any, ...]] = []
         for each in expectations.edges:
             if each.is_exact:
@@ -101,10 +102,12 @@ class NaiveJudge:
         self.broken.add(key)
         if key[0] in SILENCES:
             self.counts[key] = self.counts.get(key, 0) + 1
+            self.worst[key] = value
         self.events.append((time, key[0], True, key[1], value, self.counts[key]))
 
     def end(self, key: tuple[str, Any], time: int, value: float) -> None:
         self.broken.remove(key)
+        value = max(value, self.worst.pop(key, value))
         self.events.append((time, key[0], False, key[1], value, self.counts[key]))
 
     def bad(self, kind: str, subject: Any, time: int, value: float) -> None:
@@ -120,6 +123,9 @@ class NaiveJudge:
         """A row came: the silence counts anew since then."""
         key = kind, subject
         due, broken = since + round(limit * S), key in self.broken
+        if broken:
+            over = time - min(self.due[key][0], due)
+            self.worst[key] = max(self.worst[key], limit + over / S)
         if broken and time <= due:
             self.end(key, time, limit + (time - self.due[key][0]) / S)
         elif not broken and time > due:
@@ -181,7 +187,9 @@ class NaiveJudge:
         jumping, usual, skew = jumps or behind > S, t + edge.ahead, edge.skew
         if jumps:
             edge.skew += lead - edge.ahead
-            found.append(("time-jump", self.bad, "clock", t, abs(behind) / S))
+            found.append(
+                ("time-jump", self.bad, "clock", t, max(abs(lead - edge.ahead), behind) / S)
+            )
             edge.far = []
         elif behind <= S:
             late = max(behind, *edge.far, 0)

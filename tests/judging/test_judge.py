@@ -125,6 +125,24 @@ def test_a_sample_far_behind_does_not_end_the_lifespan(clock: str) -> None:
     ]
 
 
+def test_the_end_of_an_event_has_its_worst_value() -> None:
+    rows = [row(0), row(1, 0.9), row(3, 0.9), row(3.2, 0.8), row(3.3)]
+    for cut in range(1, 6):
+        judge = Judge(Expectations([Expectation(*EDGE, lifespan=0.5)]), START)
+        began, ended = (
+            judge.feed(rows_of(judge, rows[:cut]))
+            + judge.feed(rows_of(judge, rows[cut:]))
+            + judge.advance(START + round(3.4 * S))
+        )
+        assert (began.value, ended.value) == (0.5, 2.9)
+
+
+def test_a_jump_is_measured_against_the_arrivals() -> None:
+    judge = Judge(Expectations(), START)
+    rows = regular(0, 1) + regular(20, 20.1, lag=-5)
+    assert [event.value for event in judge.feed(rows_of(judge, rows))] == [5.0]
+
+
 def test_an_edge_that_becomes_static_is_not_waited_for() -> None:
     limits: dict[str, Any] = {"deadline": 0.5, "lifespan": 0.8}
     still = row(0.4, static=True)

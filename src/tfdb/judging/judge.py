@@ -517,7 +517,8 @@ class Judge:
             self._judge_stretch(rows, groups.only(~after), jumps, drafts)
             return groups.only(after)
 
-        jumps[groups.rows[jump]] = np.abs(stamps - before)[jump] / NS
+        skew = np.where(jump, lead - groups.before(ahead, self._ahead), 0)
+        jumps[groups.rows[jump]] = np.maximum(np.abs(skew), behind)[jump] / NS
         fresh = (stamps > before) & ~jump
         pending = np.where(far_before > 0, np.maximum(far_before, far_second), 0)
         late = np.where((far > 0) | jump, 0, np.maximum(behind, pending)) / NS
@@ -540,7 +541,6 @@ class Judge:
             drafts += _silences(kind, groups, rows.arrivals, due)
             self._fresh[groups.subjects[groups.lasts]] = arrived[groups.lasts]
         subjects = groups.subjects[groups.lasts]
-        skew = np.where(jump, lead - groups.before(ahead, self._ahead), 0)
         newest, ahead = np.where(jump, stamps, newest), np.where(jump, lead, ahead)
         self._skew[subjects] += skew[groups.lasts]
         self._newest[subjects] = newest[groups.lasts]
@@ -587,6 +587,7 @@ class Judge:
             for subject in np.flatnonzero(passed).tolist():
                 kind.broken[subject] = kind.silence
                 value = kind.limits[subject] if kind.silence else kind.worst[subject]
+                kind.worst[subject] = value
                 count = None if kind.silence else int(kind.counts[subject])
                 due = int(kind.due[subject])
                 drafts.append(_Draft(kind, subject, due, value, None, count, begins=kind.silence))
@@ -685,18 +686,26 @@ def _silences(kind: _Kind, groups: Groups, arrivals: Integers, due: Integers) ->
     due_before = groups.before(due, kind.due)
     passed, broken = times > due_before, times > due
     reported = groups.before(broken, kind.broken)
-    drafts = []
+    drafts: list[_Draft] = []
+    kind.due[subjects[groups.lasts]] = due[groups.lasts]
+    kind.broken[subjects[groups.lasts]] = broken[groups.lasts]
+    if not (passed.any() or broken.any()):
+        return drafts
+    over = np.maximum(np.where(passed, times - due_before, 0), np.where(broken, times - due, 0))
+    values = np.where(over > 0, kind.limits[subjects] + over / NS, 0)
+    heads = np.flatnonzero(groups.starts | ~reported)
+    worst = np.maximum.reduceat(values, heads)
+    known = np.where(reported[heads], kind.worst[subjects[heads]], 0)
+    worst = np.maximum(worst, known)[np.cumsum(groups.starts | ~reported) - 1]
+    kind.worst[subjects[groups.lasts]] = worst[groups.lasts]
     for i in np.flatnonzero(passed & ~reported).tolist():
         subject = int(subjects[i])
         began = int(due_before[i])
         drafts.append(_Draft(kind, subject, began, kind.limits[subject], begins=True))
     for i in np.flatnonzero(passed != broken).tolist():
-        subject, time, since = int(subjects[i]), int(times[i]), due_before if passed[i] else due
-        value = kind.limits[subject] + (time - int(since[i])) / NS
-        row, begins = int(groups.rows[i]), bool(broken[i])
-        drafts.append(_Draft(kind, subject, time, value, row, begins=begins))
-    kind.due[subjects[groups.lasts]] = due[groups.lasts]
-    kind.broken[subjects[groups.lasts]] = broken[groups.lasts]
+        subject, time, row = int(subjects[i]), int(times[i]), int(groups.rows[i])
+        value = float(values[i] if broken[i] else worst[i])
+        drafts.append(_Draft(kind, subject, time, value, row, begins=bool(broken[i])))
     return drafts
 
 
