@@ -360,7 +360,7 @@ class Contender(with_tfdb.Contender):
                 found.append(1e-6 * (self._clock.now() - due))
 
         with recorded(count, 10**6, 10) as recordings, tfdb.Buffer() as buffer:
-            Timed(buffer, tape_of(recordings, recordings.rewriter())).run()
+            Timed(buffer, tape_of(recordings)[0]).run()
         return found
 
     def jumps(self, count: int) -> list[float]:
@@ -375,7 +375,7 @@ class Contender(with_tfdb.Contender):
                 found.append(1e3 * (time.perf_counter() - began))
 
         with recorded(6_000, 10**7, 10) as recordings, tfdb.Buffer() as buffer:
-            player = Timed(buffer, tape_of(recordings, recordings.rewriter()), paused=True)
+            player = Timed(buffer, tape_of(recordings)[0], paused=True)
             player.seek(59.0)
             for _ in range(count):
                 player.seek(choice.uniform(15.0, 59.0))

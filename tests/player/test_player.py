@@ -100,7 +100,7 @@ def playing(
 ) -> Iterator[tuple[Player, threading.Thread]]:
     """Run a player in a thread. At the end it is stopped, and what it raised is raised."""
     with open_recordings(path, Selection()) as recordings:
-        player = Player(store, tape_of(recordings, recordings.rewriter()), **options)  # type: ignore[arg-type]
+        player = Player(store, tape_of(recordings)[0], **options)  # type: ignore[arg-type]
         raised: list[BaseException] = []
 
         def run() -> None:
@@ -334,7 +334,7 @@ def test_bad_speeds(recording: Path, speed: float) -> None:
         open_recordings(recording, Selection()) as recordings,
         pytest.raises(errors.InvalidArgument, match="speed must be above 0"),
     ):
-        Player(tfdb.Buffer(), tape_of(recordings, recordings.rewriter()), speed=speed)
+        Player(tfdb.Buffer(), tape_of(recordings)[0], speed=speed)
 
 
 def test_keys_and_controls_mean_the_same(recording: Path) -> None:

@@ -107,9 +107,8 @@ def command(
     name = into.removeprefix(STORE)
     names = [str(path) for path in paths]
     with common.open_selected(paths) as recordings:
-        rewriter = recordings.rewriter()
+        tape, rewriter = tape_of(recordings)
         store = open_store(name, history)  # after what may be refused
-        tape = tape_of(recordings, rewriter)
         player = Player(store, tape, speed=speed, loop=loop, keep_stamps=keep_stamps, paused=paused)
         for recording in recordings.files:
             player.tally.count(recording, recordings.choice)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import Buffer, Recorded
 from tfdb.recordings.recording import Run, runs_of
+from tfdb.recordings.rewriter import Rewriter
 from tfdb.recordings.tf_definition import STATE
 from tfdb.streams.rows import of_bytes
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from tfdb.recordings.containers import Source
     from tfdb.recordings.load_report import Tally
     from tfdb.recordings.open_recordings import OpenRecordings
-    from tfdb.recordings.rewriter import Rewriter
 
 _RECORDED = "recorded"
 """The source of recorded commits, in the private store."""
@@ -173,13 +173,17 @@ class CommitTape(Tape):
         return made
 
 
-def tape_of(recordings: OpenRecordings, rewriter: Rewriter) -> Tape:
-    """Return the tape of recordings: of commits, if all are wanted of one recorded store."""
+def tape_of(recordings: OpenRecordings) -> tuple[Tape, Rewriter]:
+    """Return the tape of recordings: of commits, if all are wanted of one recorded store.
+
+    Raises as `OpenRecordings.rewriter`: messages of several files must agree.
+    """
     topics = [{topic.name for topic in recording.topics} for recording in recordings.given]
     if not recordings.choice.key and all(STATE in names for names in topics):
         from tfdb.recorder.commit_reader import RecordedFiles  # noqa: PLC0415 - mcap is an extra
 
         files = RecordedFiles([recording.path for recording in recordings.given])
         if files.stores == 1:
-            return CommitTape(files)
-    return MessageTape(recordings, rewriter)
+            return CommitTape(files), Rewriter(recordings.choice, (None, None), None)
+    rewriter = recordings.rewriter()
+    return MessageTape(recordings, rewriter), rewriter
