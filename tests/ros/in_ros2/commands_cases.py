@@ -7,6 +7,7 @@ import os
 import queue
 import signal
 from contextlib import suppress
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -18,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 import tfdb
 from ros.commands import Command, tfdb_json, tfdb_says
-from ros.in_ros2.graph import LIMIT, Heard, connected, message
+from ros.in_ros2.graph import LIMIT, Heard, connected, message, until
 from tfdb import tf2
 
 if TYPE_CHECKING:
@@ -94,6 +95,34 @@ def test_echo_and_monitor(moving: Any) -> None:
         assert frame["delay_ns"] is None
         assert echo.end()[0] == 130
         assert monitor.end(signal.SIGTERM)[0] == 143
+
+
+def test_record(moving: Any, tmp_path: Path) -> None:
+    path = tmp_path / "drive.mcap"
+    with Command("record", "ros2:", "-o", path, "--flush", "0.01") as recording:
+        recording.line()
+        connected(moving)
+        part, numbers = tmp_path / "drive.mcap.part", count(8)
+
+        def recorded() -> int:
+            try:
+                return len(list(tfdb.recorded_commits(part, salvage=True)))
+            except tfdb.errors.RecordingError:
+                return 0  # its state is not written yet
+
+        until(
+            lambda: recorded() > 10,
+            meanwhile=lambda: moving.publish(message(next(numbers), frames=2, parent="map")),
+        )
+        code, said = recording.end()
+    assert code == 0
+    assert "commits" in said
+    copy = tfdb.Buffer(history=None)
+    for each in tfdb.recorded_commits(path):
+        copy.apply(each.data)
+    assert copy.parent_of("frame0") == "map"
+    assert copy.frame_info("frame1").authority in {"/theirs", UNKNOWN}
+    assert tfdb.load(path, exclude="frame0").frame_info("frame1").samples >= 10
 
 
 def test_watch_publishes_diagnostics(graph: Graph, tmp_path: Path) -> None:
