@@ -101,6 +101,45 @@ def recorded(messages: int, period: int, frames: int) -> Iterator[OpenRecordings
             yield recordings
 
 
+def write_commits(path: Path, folder: Path, seconds: int) -> None:
+    """Write what a recorder writes of 100 commits a second, of ten transforms each."""
+    from tfdb.recorder.mcap_file import McapFile  # noqa: PLC0415 - for these rows alone
+
+    buffer = tfdb.Buffer()
+    file = McapFile(path, folder, sync=False)
+    with buffer.snapshot() as state:
+        first = state.state_bytes()
+    file.write(10**12, (0, None, None, first), is_state=True)
+    for i in range(100 * seconds):
+        stamp = 10**12 + i * 10**7
+        rows = [tfdb.TransformStamped("map", f"f{j}", stamp, *POSE) for j in range(10)]
+        file.write(stamp, (i + 1, tfdb.encode_tf_message(rows), None, None))
+        if i % 50 == 49:
+            file.flush()
+    file.close()
+
+
+def jumps_in(recordings: OpenRecordings, end: float, count: int) -> list[float]:
+    """Milliseconds for jumps to random times between 15 s and the end."""
+    found: list[float] = []
+    choice = random.Random(1)
+
+    class Timed(Player):
+        def _go_to(self, at: int) -> None:
+            began = time.perf_counter()
+            super()._go_to(at)
+            found.append(1e3 * (time.perf_counter() - began))
+
+    with tfdb.Buffer() as buffer:
+        player = Timed(buffer, tape_of(recordings)[0], paused=True)
+        player.seek(end)
+        for _ in range(count):
+            player.seek(choice.uniform(15.0, end))
+        player.stop()
+        player.run()
+    return found[1:]  # the first one reads all
+
+
 class Contender(with_tfdb.Contender):
     """Holds one chain in a store of that name."""
 
@@ -262,6 +301,40 @@ class Contender(with_tfdb.Contender):
                     raise RuntimeError(f"{found} transforms of {passed:.3f} s were read")
                 return 100 * used / passed
 
+    def record_share(self, seconds: float) -> tuple[float, int, int]:
+        """Percent of a core that a recorder takes for 100,000 transforms/s of another process.
+
+        Also the bytes of its file, and those of mcap's own writer for the same messages.
+        """
+        from mcap.reader import NonSeekingReader  # noqa: PLC0415 - for this row alone
+        from mcap.writer import CompressionType, Writer  # noqa: PLC0415
+
+        with tempfile.TemporaryDirectory() as folder, child(self.write_steadily):
+            path, again = Path(folder) / "drive.mcap", Path(folder) / "again.mcap"
+            begin, used = time.perf_counter(), time.process_time()
+            with tfdb.Recorder(self.buffer, path) as recorder:
+                recorder.wait(seconds)
+            used, passed = time.process_time() - used, time.perf_counter() - begin
+            if recorder.lost or recorder.commits < 9_000 * passed:
+                raise RuntimeError(f"{recorder.commits} commits, {recorder.lost} lost")
+            with path.open("rb") as file, again.open("wb") as other:
+                writer = Writer(other, compression=CompressionType.ZSTD)
+                writer.start("ros2", "mcap")
+                ids: dict[int, int] = {}
+                every = NonSeekingReader(file).iter_messages(log_time_order=False)
+                for schema, channel, each in every:
+                    if schema is not None and channel.id not in ids:
+                        named = schema.name, schema.encoding, schema.data
+                        topic = channel.topic, channel.message_encoding
+                        ids[channel.id] = writer.register_channel(
+                            *topic, writer.register_schema(*named), channel.metadata
+                        )
+                    number = ids[channel.id]
+                    times = each.publish_time, each.sequence
+                    writer.add_message(number, each.log_time, each.data, *times)
+                writer.finish()
+            return 100 * used / passed, path.stat().st_size, again.stat().st_size
+
     def move_many(self, name: str) -> None:
         """Commit 2,000 frames 30 times a second, until somebody ends it."""
         buffer = tfdb.Buffer.open(name, create=False)
@@ -365,23 +438,16 @@ class Contender(with_tfdb.Contender):
 
     def jumps(self, count: int) -> list[float]:
         """Milliseconds for a jump in a recording of a minute with 1,000 transforms/s."""
-        found: list[float] = []
-        choice = random.Random(1)
+        with recorded(6_000, 10**7, 10) as recordings:
+            return jumps_in(recordings, 59.0, count)
 
-        class Timed(Player):
-            def _go_to(self, at: int) -> None:
-                began = time.perf_counter()
-                super()._go_to(at)
-                found.append(1e3 * (time.perf_counter() - began))
-
-        with recorded(6_000, 10**7, 10) as recordings, tfdb.Buffer() as buffer:
-            player = Timed(buffer, tape_of(recordings)[0], paused=True)
-            player.seek(59.0)
-            for _ in range(count):
-                player.seek(choice.uniform(15.0, 59.0))
-            player.stop()
-            player.run()
-        return found[1:]  # the first one reads all
+    def jumps_in_commits(self, count: int) -> list[float]:
+        """The same in ten minutes that a recorder wrote."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "drive.mcap"
+            write_commits(path, Path(folder), 600)
+            with open_recordings(path, Selection()) as recordings:
+                return jumps_in(recordings, 599.0, count)
 
     def commits_beside_waits(self, waits: int, count: int) -> float:
         """CPU nanoseconds of this thread for a commit while coroutines wait for other frames."""

@@ -356,6 +356,11 @@ def _sharing() -> Iterator[Goal]:
     for viewers, most in (("1 viewer", 5), ("10 viewers", 10)):
         cell = shared(row, viewers)
         yield Goal(f"{row}: {viewers}", ITSELF, cell, goal=most, at_least=False, unit="%")
+    row = "CPU of a recorder of 100,000 transforms/s of another process"
+    yield at_most(row, 35, shared(row, "tfdb"), unit="%")
+    row = "the file of a recorder, the same messages"
+    text = "bytes of a recorder's file, against mcap's own writer of the same messages"
+    yield at_most(text, 1.05, shared(row, "tfdb"), shared(row, "mcap's own writer"))
     row = "a commit of ten beside rules on other frames"
     text = "a commit of ten beside 1,000 rules on other frames, against none"
     yield at_most(text, 1.05, shared(row, "1,000 rules"), shared(row, "none"))
@@ -364,6 +369,7 @@ def _sharing() -> Iterator[Goal]:
         ("from a commit to a rule's action in another process", 0.2, 0.5),
         ("from the time of a played message to its commit, 1,000 messages/s", None, 1.0),
         ("a jump in a recording of 1,000 transforms/s, history of 10 s", 30.0, None),
+        ("a jump in ten minutes of 1,000 transforms/s as `tfdb record` writes them", 30.0, None),
         ("opening a shared store and first answer", 1.0, None),
         ("from a commit to a waiting thread of another process", 0.06, 0.4),
         ("from a commit to a waiting coroutine of another process", 0.15, 0.6),

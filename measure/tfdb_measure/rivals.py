@@ -414,6 +414,7 @@ def _shared_alone(results: Results, effort: Effort, interpreter: Path) -> None:
             times = interleave([(t, worker, "lookup mid") for t, worker in turns], effort.rounds)
             _add(results, "sharing", "lookup mid", chain, "ns", times)
             _shared_costs(results, owner, many=many)
+            _recorder(results, owner, many=many)
         finally:
             owner.call("remove")
 
@@ -477,6 +478,22 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
         if len(values) > 1:
             _add(results, "sharing", f"from {row} to the next commit, 10,000 frames", 0, "ms",
                  _percentiles(values))  # fmt: skip
+
+
+def _recorder(results: Results, owner: Worker, *, many: bool) -> None:
+    shares: Rounds = {"tfdb": []}
+    files: Rounds = {"tfdb": [], "mcap's own writer": []}
+    for _ in range(5 if many else 1):
+        share, *sizes = owner.call("record_share", 5.0 if many else 0.5)
+        shares["tfdb"].append(share)
+        for size, found in zip(sizes, files.values(), strict=True):
+            found.append(1e-6 * size)
+    row = "CPU of a recorder of 100,000 transforms/s of another process"
+    _add(results, "sharing", row, 0, "%", shares)
+    _add(results, "sharing", "the file of a recorder, the same messages", 0, "MB", files)
+    row = "a jump in ten minutes of 1,000 transforms/s as `tfdb record` writes them"
+    jumps = owner.call("jumps_in_commits", 200 if many else 10)
+    _add(results, "sharing", row, 0, "ms", _percentiles(jumps))
 
 
 def _shared_against_tree(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
