@@ -352,6 +352,14 @@ def _sharing() -> Iterator[Goal]:
     for how, most in (("batches", None), ("samples", 20)):
         cell = shared(row, how)
         yield Goal(f"{row}: {how}", ITSELF, cell, goal=most, at_least=False, unit="%")
+    row = "CPU of a process that mirrors 1,000 commits/s of ten"
+    text = f"{row}, against an empty callback of Zenoh"
+    yield at_most(text, 1.2, shared(row, "mirror"), shared(row, "empty callback"))
+    row = "from a commit to another process, {}"
+    for name, factor in (("p50", 1.6), ("p99", 2.0)):
+        text = f"from a commit to a mirror, 1,000 commits/s: {name}, against Zenoh alone"
+        mirrored, alone = (shared(row.format(each), name) for each in ("mirror", "Zenoh alone"))
+        yield at_most(text, factor, mirrored, alone)
     row = "CPU of the page's server, 2,000 moving frames at 30 Hz"
     for viewers, most in (("1 viewer", 5), ("10 viewers", 10)):
         cell = shared(row, viewers)

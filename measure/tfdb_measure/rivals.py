@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import socket
 import statistics
 import subprocess
 import sys
@@ -396,6 +397,41 @@ def sharing(results: Results, effort: Effort) -> None:
     _shared_alone(results, effort, interpreters["tfdb"])
     _shared_against_tree(results, effort, interpreters)
     _many_readers(results, effort, interpreters)
+    _mirrored(results, effort, interpreters["tfdb"])
+
+
+def _mirrored(results: Results, effort: Effort, interpreter: Path) -> None:
+    """Measure mirrors on this machine, against callbacks of Zenoh that do nothing."""
+    seconds = 5.0 if effort.samples >= Effort.samples else 0.5
+    used: Rounds = {"mirror": [], "empty callback": []}
+    delays: dict[str, Rounds] = {"mirror": {}, "Zenoh alone": {}}
+    for max_delay, row in ((0.002, "CPU"), (0.0, "delay")):
+        with ExitStack() as stack:
+            home, mirror, rival = _workers(stack, "tfdb_net", interpreter, 3)
+            for worker in (home, mirror, rival):
+                stack.callback(worker.call, "leave")
+            with socket.socket() as free:
+                free.bind(("127.0.0.1", 0))
+                endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+            home.call("publish", endpoint, max_delay)
+            home.call("commit")
+            mirror.call("mirror", endpoint)
+            key = "tfdb/1/robot1/log" if row == "CPU" else "tfdb_measure/raw"
+            rival.call("hear", endpoint, key)
+            home.begin("commit" if row == "CPU" else "commit_and_put", 1000)
+            if row == "delay":
+                mirror.call("watch")
+                time.sleep(seconds)
+                delays["mirror"] = _percentiles(mirror.call("delays_ms"))
+                delays["Zenoh alone"] = _percentiles(rival.call("delays_ms"))
+            for _ in range(effort.rounds if row == "CPU" else 0):
+                for worker, values in zip((mirror, rival), used.values(), strict=True):
+                    values.append(worker.call("used", seconds / 2))
+            home.end()
+    row = "CPU of a process that mirrors 1,000 commits/s of ten"
+    _add(results, "sharing", row, 0, "%", used)
+    for title, rounds in delays.items():
+        _add(results, "sharing", f"from a commit to another process, {title}", 0, "ms", rounds)
 
 
 def _shared_alone(results: Results, effort: Effort, interpreter: Path) -> None:
@@ -810,4 +846,4 @@ def install(env: Path) -> None:
         sys.exit(f"no rivals in {env}: run measure/contenders/install first")
     settings = f"--config-settings=build-dir={env / 'build'}"
     pip = [str(python_), "-m", "pip", "--disable-pip-version-check", "--quiet", "install"]
-    subprocess.run([*pip, settings, f"{ROOT}[recordings,view]"], check=True)
+    subprocess.run([*pip, settings, f"{ROOT}[recordings,view,net]"], check=True)

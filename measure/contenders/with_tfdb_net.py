@@ -1,0 +1,92 @@
+"""A home and its mirrors over Zenoh, beside an empty callback: CPU and latency."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import zenoh
+
+import tfdb
+from tfdb.net.zenoh_link import config_for
+
+FRAMES = [f"frame{i:02d}" for i in range(10)]
+RAW = "tfdb_measure/raw"
+SIZE = 900
+"""Bytes of a message with one commit of ten."""
+
+
+class Contender:
+    """A home, a mirror, or an empty callback, by which of its methods is called."""
+
+    def __init__(self) -> None:
+        self.buffer = tfdb.Buffer()
+        self.raw: zenoh.Session | None = None
+        self.delays: list[float] = []
+
+    def publish(self, endpoint: str, max_delay: float) -> None:
+        """Be the home, and the router of all."""
+        self.session = tfdb.net.Session(listen=endpoint)
+        self.home = tfdb.net.publish(
+            self.buffer, "robot1", session=self.session, max_delay=max_delay
+        )
+        self.raw = zenoh.open(config_for("client", [endpoint], []))
+        drop = zenoh.CongestionControl.DROP
+        self.publisher = self.raw.declare_publisher(RAW, congestion_control=drop, express=True)
+        self.rows = np.tile([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8], (10, 1))
+
+    def commit(self) -> None:
+        """Commit ten transforms."""
+        self.rows[:, 0] += 0.001
+        stamps = np.full(10, time.time_ns())
+        self.buffer.set_transforms(tfdb.Columns(["map"] * 10, FRAMES, stamps, self.rows))
+
+    def commit_and_put(self) -> None:
+        """Commit, and send as many bytes without tfdb."""
+        self.commit()
+        self.publisher.put(time.time_ns().to_bytes(8, "little").ljust(SIZE, b"x"))
+
+    def mirror(self, endpoint: str) -> None:
+        """Be a mirror."""
+        self.session = tfdb.net.Session(connect=endpoint)
+        self.following = tfdb.net.mirror("robot1", into=self.buffer, session=self.session)
+        self.following.wait_until_live(10.0)
+
+    def hear(self, endpoint: str, key: str) -> None:
+        """Be an empty callback, on the home's log or on the raw bytes."""
+        self.raw = zenoh.open(config_for("client", [endpoint], []))
+        heard = self._note if key == RAW else lambda _sample: None
+        self.subscriber = self.raw.declare_subscriber(key, heard)
+
+    def _note(self, sample: zenoh.Sample) -> None:
+        sent = int.from_bytes(sample.payload.to_bytes()[:8], "little")
+        self.delays.append(1e-6 * (time.time_ns() - sent))
+
+    def watch(self) -> None:
+        """Note from now on how long each commit took to this process."""
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _watch(self) -> None:
+        seen = self.buffer.commit
+        with self.buffer.watch(FRAMES[-1:]) as watch:
+            while True:
+                found = watch.next(seen, limit=1)
+                seen = found[-1].commit
+                newest = self.buffer.frame_info(FRAMES[-1]).newest
+                self.delays.append(1e-6 * (time.time_ns() - newest))
+
+    def delays_ms(self) -> list[float]:
+        """The delays so far."""
+        return self.delays
+
+    def leave(self) -> None:
+        """Let the process end."""
+        if self.raw is not None:
+            self.raw.close()
+
+    def used(self, seconds: float) -> float:
+        """Percent of a core that this process uses."""
+        begin, before = time.perf_counter(), time.process_time()
+        time.sleep(seconds)
+        return 100 * (time.process_time() - before) / (time.perf_counter() - begin)
