@@ -108,8 +108,8 @@ class Reader:
     """Turns elements into a model; every complaint names the file and the line."""
 
     def __init__(self, path: str) -> None:
-        self.path = path
-        self.has_quaternions = False
+        self.path: str = path
+        self.has_quaternions: bool = False
         self.ignored: dict[tuple[str, str], str] = {}
 
     def robot(self, root: Element) -> RobotModel:

@@ -202,7 +202,7 @@ class Server:
         model = self._model
         if model.live is None:
             await asyncio.Event().wait()
-        facts = 0.0
+        facts, waited = 0.0, -1
         while True:
             commit = await self._wait()
             began = time.monotonic()
@@ -220,6 +220,9 @@ class Server:
                     if self._is_owed():
                         self._send(b"", began)
                     self._tell_facts([*events, *model.take_news()])
+            if commit == waited:  # a removal of the store ends a wait only: go on with the next
+                continue
+            waited = commit
             if self._viewers or model.judges:
                 await asyncio.sleep(max(began + 1 / self._hz - time.monotonic(), 0.0))
                 continue
