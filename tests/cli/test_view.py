@@ -16,6 +16,7 @@ from urllib.request import urlopen
 import pytest
 from mcap.writer import Writer as McapWriter
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 import tfdb
 from tfdb.cli import view
@@ -141,6 +142,59 @@ def test_the_shapes_of_a_robot_are_served_and_missing_meshes_are_named(
         assert "1 mesh file not shown, no such file" in process.stderr.read()
 
 
+def test_a_shared_store_is_served_to_foxglove_until_it_is_removed() -> None:
+    pytest.importorskip("foxglove")
+    name = f"test-view-foxglove-{id(object())}"
+    with tfdb.Buffer.open(name) as robot:
+        robot.set_transform("map", "base", 1, (1, 0, 0), TURN)
+        try:
+            with running(f"shm:{name}", "--foxglove") as (process, address):
+                assert address.startswith("ws://127.0.0.1:")
+                with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as viewer:
+                    assert f"shm:{name}" in str(viewer.recv(timeout=PATIENCE))
+                tfdb.Buffer.unlink(name)
+                assert process.wait(PATIENCE) == 2
+                assert process.stderr is not None
+                assert name in process.stderr.read()
+        finally:
+            with suppress(tfdb.errors.NoSuchStore):
+                tfdb.Buffer.unlink(name)
+
+
+def test_foxglove_ends_by_ctrl_c() -> None:
+    pytest.importorskip("foxglove")
+    name = f"test-view-foxglove-{id(object())}"
+    with tfdb.Buffer.open(name):
+        try:
+            with running(f"shm:{name}", "--foxglove") as (process, _):
+                process.send_signal(signal.SIGINT)
+                assert process.wait(PATIENCE) == 130
+                assert process.stderr is not None
+                assert "Traceback" not in process.stderr.read()
+        finally:
+            tfdb.Buffer.unlink(name)
+
+
+def test_foxglove_at_a_port_in_use_is_named(tool: Tool) -> None:
+    pytest.importorskip("foxglove")
+    name = f"test-view-foxglove-{id(object())}"
+    with tfdb.Buffer.open(name), socket.create_server(("127.0.0.1", 0)) as taken:
+        try:
+            port = taken.getsockname()[1]
+            error = tool("view", f"shm:{name}", "--foxglove", "--port", port, code=2).error
+        finally:
+            tfdb.Buffer.unlink(name)
+    assert str(port) in error
+    assert "in use" in error
+
+
+def test_foxglove_without_its_package_is_named(tool: Tool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "tfdb.view.foxglove_server", raising=False)
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    error = tool("view", "shm:x", "--foxglove", code=2).error
+    assert error.startswith("tfdb view --foxglove needs foxglove-sdk: pip install 'tfdb[foxglove]'")
+
+
 def test_a_robot_is_drawn_by_the_joint_states_of_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "arm.mcap"
     with path.open("wb") as file:
@@ -223,6 +277,12 @@ def test_a_missing_package_is_named(tool: Tool, bag: Path, monkeypatch: pytest.M
         (("BAG", "--expect", "missing.toml"), "missing.toml"),
         (("BAG", "--urdf", "missing.urdf"), "missing.urdf"),
         (("BAG", "--urdf", "BAG"), "not well-formed XML"),
+        (("BAG", "--foxglove"), "OUT.mcap --foxglove"),
+        (
+            ("shm:x", "--foxglove", "--urdf", "BAG", "--expect", "b"),
+            "--urdf, --expect: of the page",
+        ),
+        (("shm:x", "--foxglove", "--frame", "a"), "--frame goes with recordings"),
     ],
 )
 def test_wrong_input_is_refused(

@@ -28,7 +28,7 @@ from .selecting import given, refuse_selection, selection_options
 from .times import NS
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
+    from collections.abc import Callable, Coroutine
 
     from tfdb import Buffer
     from tfdb.judging.expectations import Expectations
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from .graph import Live
 
 _PORT = 8470
+_FOXGLOVE_PORT = 8765
+"""At which Foxglove and Lichtblick look by themselves."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _KEPT = 60 * NS
 """How much of a graph is kept, to look back."""
@@ -48,9 +50,7 @@ _KEPT = 60 * NS
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    default=_PORT,
-    show_default=True,
-    help="Port of the page; 0: any free one.",
+    help=f"Port of the page; 0: any free one.  [default: {_PORT}]",
 )
 @click.option(
     "--host",
@@ -67,6 +67,11 @@ _KEPT = 60 * NS
     help="A host name under which browsers reach the page; repeatable.",
 )
 @click.option("--no-open", is_flag=True, help="Print the address without opening a browser.")
+@click.option(
+    "--foxglove",
+    is_flag=True,
+    help="Serve Foxglove and Lichtblick instead of a browser, at port 8765 unless --port is given.",
+)
 @expect_option
 @node_option
 @selection_options
@@ -74,10 +79,11 @@ _KEPT = 60 * NS
 def command(
     *,
     file: str,
-    port: int,
+    port: int | None,
     host: str,
     names: tuple[str, ...],
     no_open: bool,
+    foxglove: bool,
     expect: str | None,
     as_json: bool,
 ) -> None:
@@ -89,7 +95,7 @@ def command(
     The page follows what is live, and shows any stamp that is still held. With --expect, edges that
     break an expectation stand out; without it, those whose newest sample is several periods old.
     With --urdf, the page draws the boxes, cylinders, spheres and STL meshes of the robot's links.
-    The command serves the page until Ctrl-C.
+    The command serves the page until Ctrl-C, or with --foxglove viewers of Foxglove's protocol.
     """
     host = "127.0.0.1" if host == "localhost" else host
 
@@ -100,6 +106,12 @@ def command(
             output.say(f"{address} shows {file}; Ctrl-C ends it")
         sys.stdout.flush()
 
+    if foxglove:
+        chosen = {"--urdf": given().get("urdf"), "--expect": expect, "--allow-host": names}
+        _refuse_page_options(file, [name for name, value in chosen.items() if value])
+        _serve_foxglove(file, host, _FOXGLOVE_PORT if port is None else port, told)
+        return
+    port = _PORT if port is None else port
     try:
         from tfdb.view.server import Server  # noqa: PLC0415 - an extra
         from tfdb.view.shapes import read_shapes  # noqa: PLC0415 - numpy
@@ -153,6 +165,36 @@ def _has_joint_states(file: str) -> bool:
         return False
     with Recording(path, salvage=given().get("salvage", False)) as recording:
         return any(source.holds_joint_states for source in recording.all_sources)
+
+
+def _refuse_page_options(file: str, names: list[str]) -> None:
+    """Refuse what --foxglove cannot serve."""
+    if names:
+        raise click.UsageError(f"{', '.join(names)}: of the page, not of --foxglove")
+    if not common.is_live(file):
+        raise click.UsageError(
+            f"--foxglove serves live stores and graphs, and {file} is a file; to write one for "
+            f"Foxglove: tfdb convert {file} OUT.mcap --foxglove"
+        )
+    refuse_selection((file,), "live", "it")
+
+
+def _serve_foxglove(file: str, host: str, port: int, ready: Callable[[str], None]) -> None:
+    try:
+        from tfdb.view.foxglove_server import serve_foxglove  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise NotSupported(
+            f"tfdb view --foxglove needs foxglove-sdk: pip install 'tfdb[foxglove]' ({error})",
+            reason="foxglove-sdk",
+        ) from error
+    with live_source(file, history=_KEPT) as live:
+        try:
+            serve_foxglove(live.store, file, host=host, port=port, ready=ready)
+        except tfdb.errors.BufferClosed:
+            live.check()
+            raise
+        except OSError as error:
+            raise _no_port(host, port, error) from error
 
 
 def _run(serving: Coroutine[Any, Any, None]) -> None:

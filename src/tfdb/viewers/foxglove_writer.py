@@ -38,7 +38,7 @@ def write(scene: Scene, path: str | os.PathLike[str], *, topic: str, overwrite: 
         still = FrameTransformsChannel(f"{topic}_static", context=context)
         first = scene.first
         fixed = [
-            _transform(first, edge.parents[0], edge.child, edge.poses[0])
+            frame_transform(first, edge.parents[0], edge.child, edge.poses[0])
             for edge in scene.edges
             if edge.stamps is None
         ]
@@ -66,7 +66,7 @@ def _log_moving(scene: Scene, channel: FrameTransformsChannel) -> None:
     for part in np.split(order, cuts):
         stamp = int(stamps[part[0]])
         transforms = [
-            _transform(stamp, edge.parents[row], edge.child, edge.poses[row])
+            frame_transform(stamp, edge.parents[row], edge.child, edge.poses[row])
             for edge, row in ((edges[which[at]], int(rows[at])) for at in part.tolist())
         ]
         channel.log(FrameTransforms(transforms=transforms), log_time=stamp)
@@ -76,9 +76,10 @@ def _time(stamp: int) -> Timestamp:
     return Timestamp(*divmod(stamp, 1_000_000_000))
 
 
-def _transform(
+def frame_transform(
     stamp: int, parent: str, child: str, pose: npt.NDArray[np.float64]
 ) -> FrameTransform:
+    """Return T[parent<-child] at a stamp as Foxglove's message."""
     x, y, z, qx, qy, qz, qw = pose.tolist()
     return FrameTransform(
         timestamp=_time(stamp),
