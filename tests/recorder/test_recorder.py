@@ -288,6 +288,23 @@ def test_a_split_ends_no_silence_when_it_is_judged(tmp_path: Path) -> None:
     assert tfdb.load(files).frame_info("arm").samples == 20
 
 
+def test_split_files_with_a_static_transform_that_changes_are_loaded(tmp_path: Path) -> None:
+    def record(name: str, y: int) -> list[Path]:
+        buf = tfdb.Buffer()
+        with tfdb.Recorder(buf, tmp_path / name, split_size=1, flush=0) as recorder:
+            while len(recorder.files) < 2:
+                buf.set_static_transform("base", "camera", (buf.commit, y, 0))
+                recorder.flush()
+            buf.set_static_transform("base", "camera", (1000, y, 0))
+        return list(recorder.files)
+
+    files = record("drive.mcap", 0)
+    loaded = tfdb.load(files[::-1])
+    assert loaded.lookup_latest_transform("base", "camera").translation.tolist() == [1000, 0, 0]
+    with pytest.raises(errors.MixedSources, match=r"drive_0\.mcap.*other_0\.mcap"):
+        tfdb.load([files[0], record("other.mcap", 1)[0]])
+
+
 def test_a_time_splits_files(tmp_path: Path) -> None:
     buf = tfdb.Buffer()
     with tfdb.Recorder(buf, tmp_path / "a.mcap", split_time=1e-6) as recorder:

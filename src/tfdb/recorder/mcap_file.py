@@ -12,7 +12,8 @@ from tfdb._core import __version__
 from tfdb.data.errors import RecordingError
 from tfdb.data.new_file import bring_to_disk, refuse_existing, take_name
 from tfdb.data.path_checks import errors_name
-from tfdb.recordings.tf_definition import LOST, STATE, qos_text
+from tfdb.data.sample_heads import epoch_of
+from tfdb.recordings.tf_definition import LOST, STATE, STORE, qos_text
 
 from .channels import BYTES, COMMITS, SEQUENCES, TF, TF_STATIC, TRANSFORMS, wrapped
 
@@ -99,14 +100,17 @@ class McapFile:
         self._tf = self._channel(TF, transforms)
         self._tf_static = self._channel(TF_STATIC, transforms, is_static=True)
         self._commits = self._channel(COMMITS, others)
-        self._state = self._channel(STATE, others, is_static=True)
+        self._state = -1  # it names the store, which the first state tells
+        self._others = others
 
     def _schema(self, name: str, text: str) -> int:
         return int(self._writer.register_schema(name, "ros2msg", text.encode()))
 
-    def _channel(self, topic: str, schema: int, *, is_static: bool = False) -> int:
-        qos = {"offered_qos_profiles": qos_text(static=is_static)}
-        return int(self._writer.register_channel(topic, "cdr", schema, qos))
+    def _channel(self, topic: str, schema: int, *, is_static: bool = False, store: str = "") -> int:
+        about = {"offered_qos_profiles": qos_text(static=is_static)}
+        if store:
+            about[STORE] = store
+        return int(self._writer.register_channel(topic, "cdr", schema, about))
 
     @property
     def size(self) -> int:
@@ -121,6 +125,9 @@ class McapFile:
             self.begun = time
         if whole is not None:
             # It comes first: a reader of it leaves out the TFMessages of the same commit.
+            if is_state and self._state < 0:
+                store = epoch_of(whole).hex()
+                self._state = self._channel(STATE, self._others, is_static=True, store=store)
             channel = self._state if is_state else self._commits
             self._add(channel, time, wrapped(whole), sequence)
         if static is not None:

@@ -167,6 +167,8 @@ class Container:
 
     notes: tuple[str, ...] = ()
     """Remarks on an unfinished or renamed file: how it was read."""
+    store: str = ""
+    """Which store a tfdb.Recorder recorded; empty for other files."""
     rows: TrajectoryRows | None = None
     """Counts of the rows of a trajectory file."""
 

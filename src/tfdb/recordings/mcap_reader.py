@@ -44,7 +44,7 @@ from .containers import (
     unpacked,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
-from .tf_definition import LOST
+from .tf_definition import LOST, STATE, STORE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator
@@ -134,6 +134,8 @@ class _Index:
     flaws: Counter[str] = field(default_factory=Counter)
     lost: int = 0
     """Commits that its recorder lost."""
+    store: str = ""
+    """Which store was recorded."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -153,6 +155,8 @@ class _Index:
             channel = _Channel(fields.number(2), fields.text(), fields.text())
             if self.channels.setdefault(id_, channel) != channel:
                 self.flaws[f"channel {id_} is declared again, on {channel.topic!r}"] += 0
+            if channel.topic == STATE:
+                self.store = fields.texts().get(STORE, "")
         elif kind == _CHUNK_INDEX:
             start, last, position = fields.number(8), fields.number(8), fields.number(8)
             end = position + fields.number(8)
@@ -365,7 +369,7 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
 
     topics = _topics(index, counts)
     made = Container(path, topics, sources, index.start, payloads, file.close, survey=survey)
-    made.notes = index.notes
+    made.notes, made.store = index.notes, index.store
     return made
 
 
@@ -423,7 +427,7 @@ def _walked(path: Path, file: RawFile, index: _Index, gathered: Gathered) -> Con
     start = min((at for at, _, _ in gathered.messages), default=NO_START)
     topics, losses = _topics(index, counts), gathered.losses(path, sources)
     made = Container(path, topics, sources, start, gathered.payloads, file.close, losses)
-    made.notes = index.notes
+    made.notes, made.store = index.notes, index.store
     return made
 
 

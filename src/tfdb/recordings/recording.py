@@ -134,6 +134,11 @@ class Recording:
         return self._container.start
 
     @property
+    def store(self) -> str:
+        """Which store a tfdb.Recorder recorded; empty for other files."""
+        return self._container.store
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on unfinished or renamed files: how they were read."""
         return tuple(f"{self.path}: {note}" for note in self._container.notes)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 STATE = "/tfdb/state"
 """A topic that files of tfdb.Recorder have: the first message of each file is the newest state."""
+STORE = "tfdb.store"
+"""Of the metadata of that topic: which store was recorded, as hexadecimal digits."""
 LOST = "tfdb.lost"
 """The metadata of commits that a tfdb.Recorder did not record."""
 

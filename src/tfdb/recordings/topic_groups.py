@@ -162,6 +162,7 @@ class Survey:
         pairs = [
             (frame, one, other)
             for one, other in combinations(parts, 2)
+            if not one.recording.store or one.recording.store != other.recording.store
             for frame in {*one.moving, *one.fixed} & {*other.moving, *other.fixed}
             if _may_differ(frame, one, other)
         ]
