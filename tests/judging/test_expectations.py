@@ -7,10 +7,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import tfdb
 from tfdb.errors import ExpectationError, InvalidArgument
+from tfdb.judging.arrivals import Arrivals
+from tfdb.judging.doctor import Log
 from tfdb.judging.expectations import (
     AuthorityExpectation,
     Expectation,
@@ -210,6 +213,16 @@ def test_a_watched_store_is_judged_until_the_end_of_the_watch() -> None:
     assert judge_recording(arrivals, expected) == []
     (event,) = judge_recording(watched, expected)
     assert (event.kind, last < event.time - 10**9 <= last + 10**9) == ("deadline", True)
+
+
+def test_an_edge_of_a_recording_without_motion_is_not_missing() -> None:
+    log = Log()
+    stamps, poses = np.array([1000 * 10**9]), np.array([[1.0, 0, 0, 0, 0, 0, 1]])
+    log.add_edge("camera", stamps, poses, ["base"], publisher="urdf", static=True)
+    (edge,) = log.edges()
+    edge.arrivals[:] = 1000 * 10**9
+    expected = Expectations([Expectation("base", "camera"), Expectation("base", "lidar")])
+    assert judge_recording(Arrivals(log, publishers_known=True), expected) == []
 
 
 def test_a_recording_fed_row_by_row_gives_the_same_events() -> None:

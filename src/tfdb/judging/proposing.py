@@ -199,12 +199,15 @@ def _round_up(value: float) -> float | None:
 def span_of(arrivals: Arrivals) -> tuple[int, int]:
     """Return the first and last arrival of what moves; a watched store's time goes on to the end.
 
-    The time that was watched where nothing moves; of recordings 0, 0.
+    Where nothing moves: the time that was watched, and of recordings that of what is static.
     """
-    moving = [edge.moving.arrivals for edge in arrivals.log.edges()]
-    known = [each for each in moving if len(each)]
-    if not known:
+    edges = list(arrivals.log.edges())
+    known = [each for edge in edges if len(each := edge.moving.arrivals)]
+    if not known and any(arrivals.watched):
         return arrivals.watched
+    known = known or [each for edge in edges if len(each := edge.arrivals)]
+    if not known:
+        return 0, 0
     last = max(int(each.max()) for each in known)
     return min(int(each.min()) for each in known), max(last, arrivals.watched[1])
 
