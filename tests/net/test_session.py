@@ -251,6 +251,31 @@ print(mirror.state)
     assert (done.stdout, done.stderr) == ("live\n", "")
 
 
+def test_a_forked_process_ends_and_its_parent_goes_on() -> None:
+    code = """
+import multiprocessing, os, sys, tfdb
+source, copy = tfdb.Buffer(), tfdb.Buffer()
+with (
+    tfdb.net.Session(listen=sys.argv[1]) as session,
+    tfdb.net.publish(source, "robot1", session=session),
+    tfdb.net.mirror("robot1", into=copy, session=session) as mirror,
+):
+    mirror.wait_until_live(10)
+    child = multiprocessing.get_context("fork").Process(target=print, args=("child",))
+    child.start()
+    child.join()
+    if (pid := os.fork()) == 0:
+        sys.exit(3)
+    ended = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    source.set_transform("map", "base", 1, (1, 2, 3), (0, 0, 0, 1))
+    copy.wait_for_transform("map", "base", 1, 10)
+    print(child.exitcode, ended)
+"""
+    command = [sys.executable, "-c", code, free_endpoint()]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LONGEST)
+    assert done.stdout.split() == ["child", "0", "3"]
+
+
 def test_a_session_that_is_closed_first_ends_its_home() -> None:
     source = tfdb.Buffer()
     session = tfdb.net.Session(listen=free_endpoint())

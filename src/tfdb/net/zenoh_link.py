@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 import weakref
 from concurrent.futures import ThreadPoolExecutor
@@ -83,6 +84,7 @@ class ZenohLink:
         self._pool = ThreadPoolExecutor(_ANSWERS, "tfdb answers")
         self._waiting = threading.Semaphore(_ANSWERS + _MOST_QUESTIONS)
         self._is_ending = False
+        self._process = os.getpid()
         _OPEN.add(self)
 
     def send(self, name: str) -> tuple[Callable[[bytes], None], Declared]:
@@ -180,6 +182,8 @@ class ZenohLink:
 
     def close(self) -> None:
         """See `Link`."""
+        if os.getpid() != self._process:
+            return  # Zenoh's threads are not in a child of `fork`: it would wait for ever
         _OPEN.discard(self)
         self._pool.shutdown()
         self._tokens.close()
