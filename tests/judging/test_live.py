@@ -533,7 +533,7 @@ def test_a_clock_that_is_set_is_one_jump(to: float) -> None:
 
 def test_samples_from_before_a_jump_ahead_are_judged_as_of_then() -> None:
     """The jump is found before the last samples are read."""
-    buf, events = tfdb.Buffer(), list[Event]()
+    events = list[Event]()
     blocked, over = threading.Event(), threading.Event()
 
     def block(event: Event) -> None:
@@ -541,17 +541,18 @@ def test_samples_from_before_a_jump_ahead_are_judged_as_of_then() -> None:
         blocked.set()
         over.wait()
 
-    buf.clock.seek(START)
-    buf.expectations.on_event = block
-    buf.expect("odom", "base", max_step=1, deadline=20, lifespan=20)
-    for x in (0, 5, 5.5):
-        buf.set_transform("odom", "base", buf.clock.now(), (x, 0, 0))
-        if x == 5:
-            assert blocked.wait(60)
-    buf.clock.seek(START + 90 * S)
-    over.set()
-    assert buf.expectations.drain(60)
-    assert [event.kind for event in events] == ["step", "time-jump"]
+    with tfdb.Buffer() as buf:
+        buf.clock.seek(START)
+        buf.expectations.on_event = block
+        buf.expect("odom", "base", max_step=1, deadline=20, lifespan=20)
+        for x in (0, 5, 5.5):
+            buf.set_transform("odom", "base", buf.clock.now(), (x, 0, 0))
+            if x == 5:
+                assert blocked.wait(60)
+        buf.clock.seek(START + 90 * S)
+        over.set()
+        assert buf.expectations.drain(60)
+        assert [event.kind for event in events] == ["step", "time-jump"]
 
 
 def test_a_history_that_replaces_another_did_not_arrive() -> None:
@@ -559,6 +560,7 @@ def test_a_history_that_replaces_another_did_not_arrive() -> None:
     source, copy = tfdb.Buffer(history=None), tfdb.Buffer(history=None)
     for tick in range(50):
         source.set_transform("odom", "base", START + tick * S // 10, (9 * (tick % 2), 0, 0))
+    source.set_transform("odom", "slow", START, (1, 2, 3))
     source.set_static_transform("base", "camera", (1, 2, 3))
     copy.apply(source.commits_bytes(0))
     copy.clock.pause()
@@ -570,7 +572,11 @@ def test_a_history_that_replaces_another_did_not_arrive() -> None:
         with source.snapshot() as state:
             copy.apply(state.state_bytes())
         assert copy.expectations.drain(60)
+    source.set_transform("odom", "slow", START + 5 * S, (1, 2, 3))
+    copy.apply(source.commits_bytes(source.commit - 1))
+    assert copy.expectations.drain(60)
     assert seen(stream) == []
+    copy.close()
 
 
 def test_a_late_expectation_waits_from_then_on() -> None:
