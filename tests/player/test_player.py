@@ -245,7 +245,17 @@ def test_a_jump_beyond_all_stamps_goes_to_an_end(recording: Path, far: float) ->
         settled(player)
         assert states(store) == expected(START)
         player.seek_by(far)
+        settled(player)
+        assert states(store) == expected(START + 10 * SECOND)
+        player.seek(2.0)  # it is paused, and did not end
+        settled(player)
+        assert states(store) == expected(START + 2 * SECOND)
+        player.seek_by(far)
+        player.step()
+        settled(player)
+        player.pause()
         thread.join(LONGEST)
+        assert not thread.is_alive()
     assert states(store) == expected(START + 10 * SECOND)
 
 

@@ -165,6 +165,8 @@ class Player:
                 if not self._orders.empty():
                     self._obey()
                 elif self._next is None and not self._prepare():
+                    if self._rests():
+                        continue
                     self.rounds += 1
                     if not self._loop or self._first is None:
                         break
@@ -254,6 +256,14 @@ class Player:
             return True
         patience = _LOOK if self._reversed is None else 1 / _REVERSE_RATE
         return self._clock._sleep_unless_set(self._due, patience, self._settings)
+
+    def _rests(self) -> bool:
+        """Whether it is paused at the end: it may be told to go back. Waits a while for that."""
+        if not (self._has_clock and self._clock.paused):
+            return False
+        self._clock._sleep_unless_set(MAX_STAMP, _LOOK, self._settings)
+        self._follow_clock()
+        return True
 
     def _play(self) -> None:
         self._position = self._next or 0
