@@ -372,6 +372,7 @@ def test_the_shapes_of_a_robot_are_drawn_where_its_links_are(
         page.open(served.address)
         page.until(READY)
         page.until("tfdb.scene.shapes.drawn === 4")  # no frame is elsewhere
+        page.until("document.getElementById('scale').textContent.endsWith(' · 4 of 5 shapes')")
         asked = {each.replace("ws:", "http:") for each in page.requests}
         assert asked == {served.base + name for name in (*FILES, "shapes.json", "mesh/0")}
         matrices = page.run("tfdb.scene.shapes.all.map(({mesh}) => [...mesh.matrix.elements])")

@@ -65,6 +65,7 @@ def test_stl_files_of_all_kinds_are_read(raw: bytes) -> None:
         (b"solid\nvertex 1 2 3\nvertex 1 2 3\n", "a triangle in it lacks corners"),
         (b"solid\n" + b"vertex 1 2 x\n" * 3, "numbers in it cannot be read"),
         (b"solid\n" + b"vertex 1 2 1e99\n" * 3, "numbers in it are not finite"),
+        (b"solid\n" + b"vertex 1 2 " + b"9" * 1000, "no triangle in it"),
         (binary(CORNERS * np.float32("nan")), "numbers in it are not finite"),
         (b" " * 80 + b"\xff" * 4 + b" " * 50, "no STL file"),
     ],

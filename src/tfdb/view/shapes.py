@@ -8,6 +8,7 @@ import re
 import warnings
 import zlib
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
@@ -33,7 +34,9 @@ _NAMED = 3
 _PACKAGE = "package://"
 _HEAD = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
+_NUMBER = 40
+"""Letters of a number in a text STL, at most."""
+_VERTEX = re.compile(rb"\bvertex" + 3 * (rb"\s+(\S{1,%d})(?!\S)" % _NUMBER), re.IGNORECASE)
 
 
 class BadMesh(ValueError):  # noqa: N818 - it is said, not raised further
@@ -168,11 +171,12 @@ def read_stl(raw: bytes) -> npt.NDArray[np.float32]:
 
 
 def _from_text(raw: bytes) -> npt.NDArray[np.float32]:
-    corners = _VERTEX.findall(raw)
-    if len(corners) % 3:
-        raise BadMesh("a triangle in it lacks corners")
+    texts = chain.from_iterable(match.groups() for match in _VERTEX.finditer(raw))
     try:
-        with np.errstate(over="ignore"):
-            return np.array(corners, dtype="S32").astype(np.float64).astype("<f4").reshape(-1, 3, 3)
+        numbers = np.fromiter(map(float, texts), np.float64)
     except ValueError:
         raise BadMesh("numbers in it cannot be read") from None
+    if len(numbers) % 9:
+        raise BadMesh("a triangle in it lacks corners")
+    with np.errstate(over="ignore"):
+        return numbers.astype("<f4").reshape(-1, 3, 3)

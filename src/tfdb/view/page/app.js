@@ -175,6 +175,7 @@ async function loadShapes(mark) {
   try {
     await scene.shapes.load(mark);
     scene.update();
+    showTime();
   } catch (error) {
     scene.shapes.mark = ""; // the next connection tries again
     banner(`The shapes of the robot were not loaded: ${error.message}`);
@@ -784,7 +785,10 @@ function showTime() {
   slider.setAttribute("aria-valuetext", shown === null ? "no samples" : `${stampText(shown)} s`);
   const drawn = state.drawn ?? 0;
   const rest = world.names.length - drawn;
-  element("scale").textContent = `grid ${scene.cell} m · axes ${Number((scene.axis * scene.size).toPrecision(2))} m · ${drawn} frames${rest ? `, ${rest} not drawn` : ""}`;
+  const { all } = scene.shapes;
+  const here = all.filter(({ frame }) => state.rowOf.has(frame)).length;
+  const shapes = all.length ? ` · ${here === all.length ? here : `${here} of ${all.length}`} shapes` : "";
+  element("scale").textContent = `grid ${scene.cell} m · axes ${Number((scene.axis * scene.size).toPrecision(2))} m · ${drawn} frames${rest ? `, ${rest} not drawn` : ""}${shapes}`;
   const empty = element("empty");
   empty.hidden = drawn > 1;
   if (!world.names.length) empty.textContent = "The store has no frames yet.";

@@ -44,7 +44,11 @@ export class Shapes {
     const loaded = new Map();
     for (const [number, geometry] of geometries) loaded.set(number, await geometry);
     if (mark !== this.mark) return; // others came meanwhile
-    for (const { mesh } of this.all) this.scene.remove(mesh);
+    for (const { mesh } of this.all) {
+      this.scene.remove(mesh);
+      mesh.geometry.dispose();
+      mesh.material.dispose();
+    }
     this.all = found.map((shape) => this.#make(shape, loaded.get(shape.mesh)));
     this.setColor(this.color);
   }
