@@ -141,6 +141,18 @@ def test_the_first_expectation_that_matches_decides(robot: tfdb.Buffer) -> None:
         assert caught.value.expectation == "* -> *"
 
 
+def test_a_longer_lifespan_that_comes_first_counts(robot: tfdb.Buffer) -> None:
+    with (
+        robot.expect("*", "*", lifespan=0.5, enforce=True),
+        robot.expect("odom", "base", lifespan=3),
+    ):
+        robot.lookup_transform("map", "camera")
+    with robot.expect("*", "*", lifespan=0.5, enforce=True), pytest.raises(Stale):
+        robot.lookup_transform("map", "camera")
+    with pytest.raises(InvalidArgument, match="enforce is True or False"):
+        robot.expect("odom", "base", lifespan=3, enforce="yes")  # type: ignore[call-overload]
+
+
 def test_a_wait_goes_on_until_the_next_sample(robot: tfdb.Buffer) -> None:
     with robot.expect("odom", "base", lifespan=0.5, enforce=True):
         with pytest.raises(Stale):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
 from tfdb._core import duration_to_nanoseconds
-from tfdb.data.argument_checks import check_callable
+from tfdb.data.argument_checks import check_callable, check_flag
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import shown
@@ -92,6 +92,7 @@ class BufferExpectations:
         return self._watcher.drain(timeout)
 
     def _add(self, expectations: Expectations, *, enforce: bool) -> Installed:
+        enforce = check_flag("enforce", enforce)
         if enforce:
             _check_enforceable(self._buffer, expectations)
         installed = Installed(expectations, enforce=enforce)
@@ -119,7 +120,7 @@ def expectations_of(given: str | Expectations, child: str | None, limits: Any) -
 
 
 def _check_enforceable(buffer: Buffer, expectations: Expectations) -> None:
-    if not lifespans([expectations]):
+    if not lifespans([(expectations, True)]):
         raise InvalidArgument("enforce=True needs a lifespan; give one")
     if expectations.clock != "stamps":
         raise InvalidArgument(

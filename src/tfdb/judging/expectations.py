@@ -26,6 +26,7 @@ __all__ = ["AuthorityExpectation", "Expectation", "Expectations", "Limits"]
 
 _QUANTITY = re.compile(r"([0-9.eE+-]+)\s*([a-z/]+)")
 _GREATEST = 1e9
+_NO_END = 2**63 - 1  # a lifespan, nanoseconds
 
 
 @dataclass(frozen=True)
@@ -233,13 +234,25 @@ def edge_limits(expectations: Expectations) -> Callable[[str, str], Expectation]
     return limits
 
 
-def lifespans(parts: Sequence[Expectations]) -> list[tuple[str, str, int, str]]:
-    """Return parent, child, lifespan in nanoseconds and name of each that has one, first first."""
-    edges = [edge for each in parts for edge in each.edges]
-    edges.sort(key=lambda edge: not edge.is_exact)
+def lifespans(
+    parts: Sequence[tuple[Expectations, bool]],
+) -> list[tuple[str, str, int, str]]:
+    """Return parent, child, lifespan in nanoseconds and name of each that has one, first first.
+
+    Each part comes with whether it is enforced. A lifespan that is not has no end, since the first
+    that matches counts.
+    """
+    edges = [(edge, enforced) for each, enforced in parts for edge in each.edges]
+    edges.sort(key=lambda edge: not edge[0].is_exact)
+    edges += [(each.default, enforced) for each, enforced in parts]
     return [
-        (each.parent, each.child, round(each.lifespan * 1e9), f"{each.parent} -> {each.child}")
-        for each in (*edges, *(each.default for each in parts))
+        (
+            each.parent,
+            each.child,
+            round(each.lifespan * 1e9) if enforced else _NO_END,
+            f"{each.parent} -> {each.child}",
+        )
+        for each, enforced in edges
         if each.lifespan is not None
     ]
 

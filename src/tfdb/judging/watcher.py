@@ -193,8 +193,9 @@ class Watcher:
             stream._abandon()
 
     def _enforce(self) -> None:
-        parts = [each.expectations for each in self.installed if each.enforce]
-        self._buffer._enforce(lifespans(parts))
+        parts = [(each.expectations, each.enforce) for each in self.installed]
+        enforced = any(each.enforce for each in self.installed)
+        self._buffer._enforce(lifespans(parts) if enforced else [])
 
     def _change(self, live: LiveJudge, installed: list[Installed]) -> None:
         live.change(joined([each.expectations for each in installed]))
