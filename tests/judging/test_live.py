@@ -549,6 +549,7 @@ def test_samples_from_before_a_jump_ahead_are_judged_as_of_then() -> None:
             buf.set_transform("odom", "base", buf.clock.now(), (x, 0, 0))
             if x == 5:
                 assert blocked.wait(60)
+        buf.clock.sleep(0.5)  # longer than the slowest read: by its stamp, the last sample is older
         buf.clock.seek(START + 90 * S)
         over.set()
         assert buf.expectations.drain(60)
