@@ -171,12 +171,12 @@ public:
             first = before;
             at = first_of_its_stamp(before);
         }
-        for (unsigned after = 0; first.found && after <= more;
-             first = first_visible(behind(first))) {
-            const SampleAt found = sample(first);
-            after += found.stamp > to ? 1 : 0;
-            if (!visit(found))
-                break;
+        unsigned after = 0;
+        if (first.found) {
+            visit_from(first, [&](const SampleAt& found) {
+                after += found.stamp > to ? 1 : 0;
+                return visit(found) && after <= more;
+            });
         }
         return !overtaken_;
     }
@@ -500,6 +500,32 @@ private:
             at.index = at.segment.begin();
         }
     }
+    /// Calls visit(sample) for the visible ones from a place on, until it returns false; of those
+    /// with the same stamp for the newest one.
+    template <class Visit>
+    void visit_from(Spot at, Visit visit) const {
+        SampleAt last;
+        while (!overtaken_) {
+            bool skip = false;
+            for (; at.index < at.segment.end() && !skip; ++at.index) {
+                if (!visible(at.segment, at.index)) {
+                    skip = all_too_new(at.segment);
+                    continue;
+                }
+                const StampNs stamp = at.segment.stamp(at.index);
+                if (last && last.stamp != stamp && !visit(last))
+                    return;
+                last = {at.segment.slot(at.index), stamp};
+            }
+            if (at.k == end_)
+                break;
+            at.k = skip ? first_as_old(at.k + 1) : at.k + 1;
+            at.segment = segment(at.k);
+            at.index = at.segment.begin();
+        }
+        if (last)
+            visit(last);
+    }
     /// The largest node that begins with a segment and holds for the snapshot, or the segment
     /// itself. Gives the segment behind.
     [[nodiscard]] std::uint64_t add_from(std::uint64_t k, std::uint64_t capacity,
@@ -516,10 +542,6 @@ private:
                 return k + 1;
             }
         }
-    }
-    [[nodiscard]] Spot behind(Spot at) const {
-        ++at.index;
-        return at;
     }
     /// Before all samples that have the stamp of this one.
     [[nodiscard]] Spot first_of_its_stamp(Spot at) const {
