@@ -35,6 +35,7 @@ _COMMITS = 4096  # that are read at once, at most
 _BYTES = 1 << 20
 _RECORDS = 64
 _GATHERS = 0.001  # seconds: so long do waits rest between two looks as well
+_QUICK = 8  # reads in a row that do not wait for more to come
 
 
 class Stream(StreamRows, Cursor["Sample"]):
@@ -43,8 +44,8 @@ class Stream(StreamRows, Cursor["Sample"]):
     `Buffer.follow()` makes it. Iterate over it, over `batches()` or over `changes()`, or call the
     `read_` methods. Within a commit the samples come edge by edge in stamp order, the moving ones
     first. `Stream` is a context manager; `close()` ends all its reads, from any thread. One thread
-    reads at a time, and others wait for it. Commits that come within a millisecond of the last read
-    may be read together, at its end.
+    reads at a time, and others wait for it. Where commits keep coming, iteration reads those of a
+    millisecond together.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         self._delivered: dict[str, int] = {}  # the stamp that was read last, by child
         self._rows = NONE
         self._read_at = 0.0  # when those were read
+        self._quick = 0  # reads in a row that followed each other closely
         self._held_commit = 0  # of the rows that were there before the stream
         self._floor = 0  # `read_back` reads later commits only
         self._records: deque[Changes] = deque()
@@ -300,11 +302,13 @@ class Stream(StreamRows, Cursor["Sample"]):
         if self._unread:
             rows = joined([self._rows.part(self._next, len(self._rows)), rows])
         self._keep(rows, 0)
-        self._read_at = time.monotonic()
+        now = time.monotonic()
+        self._quick = self._quick + 1 if now < self._read_at + 2 * _GATHERS else 0
+        self._read_at = now
 
     def _gather(self) -> None:
-        """Let commits that come without a pause gather: they are read together."""
-        if (left := self._read_at + _GATHERS - time.monotonic()) > 0:
+        """Let commits that keep coming without a pause gather: they are read together."""
+        if self._quick >= _QUICK and (left := self._read_at + _GATHERS - time.monotonic()) > 0:
             time.sleep(left)
 
     def _separated(self, rows: Rows, separation: int) -> Rows:
