@@ -102,16 +102,16 @@ class Stretch(NamedTuple):
 
         So a player's jump, or a copy that begins anew, makes no arrivals of what is past.
         """
-        count = int(np.searchsorted(self.rows.commits, self.commit, side="right"))
-        if not self.cleared or not count:
+        if not self.cleared:
             return self.rows
+        count = int(np.searchsorted(self.rows.commits, self.commit, side="right"))
         children = self.rows.children[:count]  # the rows of an edge are sorted by stamp
         newest = {child: row for row, child in enumerate(children)}
         gone = [
             child in self.cleared and newest[child] != row for row, child in enumerate(children)
         ]
         kept = np.ones(len(self.rows), dtype=bool)
-        kept[:count] = ~np.array(gone)
+        kept[:count] = ~np.array(gone, dtype=bool)
         return self.rows.chosen(kept)
 
 
