@@ -140,6 +140,7 @@ proof: $(STAMPS)/venv check relacy histories torture
 	$(CMAKE) --build --preset dev -j $(JOBS) --target tfdb_sched
 	build/dev/bin/tfdb_sched --all
 	TFDB_KILLS=200 $(BIN)/python -m pytest -q tests/recorder/test_killed.py
+	TFDB_NET_WORLDS=1000 TFDB_NET_CYCLES=200 $(BIN)/python -m pytest -q tests/net
 
 relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null
