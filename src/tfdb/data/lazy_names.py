@@ -14,11 +14,12 @@ if TYPE_CHECKING:
 def belong_to(package: str, contents: dict[str, Any], names: Iterable[str]) -> None:
     """Offer classes and functions as the package's, where users find them.
 
-    The error of a call that does not fit a function's parameters has our words.
+    What a package above offers as well stays that one's. The error of a call that does not fit a function's parameters has our words.
     """
     for name in names:
         value = contents[name]
-        if isinstance(value, type | FunctionType) and value.__module__ != package:
+        is_above = package.startswith(f"{getattr(value, '__module__', None)}.")
+        if isinstance(value, type | FunctionType) and not is_above:
             value.__module__ = package
         if isinstance(value, FunctionType):
             contents[name] = _checked(value)
