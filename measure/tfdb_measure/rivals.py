@@ -33,7 +33,7 @@ SYSTEM_PYTHON = Path("/usr/bin/python3")
 SAMPLES = 11_000  # of each edge: the 10 s of history are full
 HOURS = 3_600.0
 
-# pytransform3d moves along screws between two samples : another curve, equal to first order.
+# pytransform3d moves along screws between two samples: another curve, equal to first order.
 # schiebung's shares of the way are not computed from whole nanoseconds.
 TOLERANCES = {"pytransform3d": 1e-5, "schiebung": 1e-7}
 NEEDED = {
@@ -53,21 +53,21 @@ NEEDED = {
 FEW = (1, 4, 16, 64)  # stamps in one call
 MANY_FRAMES = 2_000  # looked up in one call
 
-# A robot that many processes look at : ten moving frames, 500 times a second each.
+# A robot that many processes look at: ten moving frames, 500 times a second each.
 LIVE_CHAIN, MESSAGES = 10, 500.0
 READERS, LOOKUPS = 16, 100.0  # lookups of each per second
-# What is published on / tf : edges of a message, messages per second.
+# What is published on /tf: edges of a message, messages per second.
 STREAMS = ((10, 500.0), (100, 50.0))
 MANY_NODES, SLOW_MESSAGES = 20, 50.0
 NODES = {"tf2_ros": "tf2_listening", "tfdb": "tfdb_live", "tfdb in rospy": "tfdb_in_rospy"}
-# Of each : who, and how.
+# Of each: the contender, and how it is called.
 NODES_OF_ROS2 = {
     "tf2_ros": ("tf2_in_ros2", "stored"),
     "deserialised": ("tf2_in_ros2", "deserialised"),
     "tfdb": ("tfdb_in_ros2", "own thread"),
     "tfdb in the executor": ("tfdb_in_ros2", "executor"),
 }
-# As many as leave two cores idle now and then : more would be measured while they lag.
+# As many as leave two cores idle now and then: more would be measured while they lag.
 LISTENERS = {"tf2_ros listener, alone": 1, "tf2_ros listener, each of 2": 2}
 
 

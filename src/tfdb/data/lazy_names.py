@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 def belong_to(package: str, contents: dict[str, Any], names: Iterable[str]) -> None:
     """Offer classes and functions as the package's, where users find them.
 
-    What a package above offers as well stays that one's. The error of a call that does not fit a function's parameters has our words.
+    What a package above offers as well stays that one's. The error of a call that does not fit a
+    function's parameters has our words.
     """
     for name in names:
         value = contents[name]

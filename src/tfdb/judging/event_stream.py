@@ -1,4 +1,4 @@
-"""The class EventStream(Reader["Event"]): the events of a buffer's expectations, each once."""
+"""The class EventStream: the events of a buffer's expectations, each once."""
 
 from __future__ import annotations
 

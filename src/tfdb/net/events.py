@@ -53,7 +53,7 @@ class Event(NamedTuple):
 
 
 class EventLog:
-    """The last events of one home or mirror, and who reads them. Threads: any."""
+    """The last events of one home or mirror, for its streams. Threads: any."""
 
     def __init__(self, name: str) -> None:
         self.name: str = name

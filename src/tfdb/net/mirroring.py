@@ -80,7 +80,7 @@ class Mirror:
         self._was_live = False
         self._closing, self._wake = threading.Event(), threading.Event()
         self._changed = threading.Condition()
-        # Threads of the link append; who has the lock feeds the receiver.
+        # Threads of the link append. The thread with the lock feeds the receiver.
         self._lock = threading.Lock()
         self._inbox: deque[bytes] = deque(maxlen=_MOST_WAITING)
         self._answers: deque[list[bytes]] = deque()
@@ -272,7 +272,7 @@ class Mirror:
 
     def _hear(self, data: bytes) -> None:
         self._inbox.append(data)
-        # Who has the lock looks at the inbox again after it let go.
+        # A thread that had the lock looks at the inbox again after its release.
         while self._inbox and self._lock.acquire(blocking=False):
             try:
                 self._feed()

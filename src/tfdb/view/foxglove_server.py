@@ -78,7 +78,7 @@ class _Sender(ServerListener):
         self._lock = threading.Lock()
         self._follows = False
         self._since: int | None = None
-        """The first commit that a viewer knows who came while nothing was followed."""
+        """The first commit that a new viewer knows, if nothing was followed when it came."""
         self._came = threading.Event()
 
     def wait(self) -> None:
