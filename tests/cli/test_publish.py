@@ -98,11 +98,27 @@ def test_a_file_is_published_and_its_mirror_loses_it(bag: Path, names: tuple[str
         assert mirror.stop(signal.SIGTERM)[0] == 1
 
 
+def test_a_mirror_waits_for_a_router(names: tuple[str, str]) -> None:
+    endpoint = free_endpoint()
+    arguments = "mirror", "robot1", "--into", names[1], "--connect", endpoint
+    mirror = Running(*arguments)
+    mirror.wait_for("absent")
+    with (
+        tfdb.net.Session(listen=endpoint) as session,
+        tfdb.net.publish(tfdb.Buffer(), "robot1", session=session),
+    ):
+        mirror.wait_for("live")
+        assert mirror.stop()[0] == 0
+    waiting = Running(*arguments)
+    waiting.wait_for("absent")
+    assert waiting.stop()[0] == 130
+
+
 def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
     endpoint = free_endpoint()
     text = tool("publish", bag, "--as", "r", "--connect", endpoint, code=2).err
     assert f"no Zenoh router at {endpoint}" in text
-    text = tool("mirror", "r*", "--into", names[1], "--listen", endpoint, code=2).err
+    text = tool("mirror", "r*", "--into", names[1], "--connect", endpoint, code=2).err
     assert "'r*' is not the name of a namespace" in text
     text = tool("publish", "shm:nowhere", "--as", "r", "--listen", endpoint, code=2).err
     assert "nowhere" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,12 @@ import click
 from . import layout, output
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from tfdb.net import Event, Home, Mirror, Session
+
+_PAUSE = 1.0
+"""Seconds until a router that was not there is tried again."""
 
 _OPTIONS = (
     click.option(
@@ -47,25 +51,46 @@ def network_options(function: Any) -> Any:
 
 @contextmanager
 def connected(
-    connect: tuple[str, ...], listen: tuple[str, ...], config: str | None
+    connect: tuple[str, ...],
+    listen: tuple[str, ...],
+    config: str | None,
+    missing: Callable[[str], None] | None = None,
 ) -> Iterator[Session]:
-    """Give the connection that the options say."""
+    """Give the connection that the options say.
+
+    With `missing` it waits for a router that is not there yet, and calls that once.
+    """
     from tfdb.net import Session  # noqa: PLC0415 - Zenoh is an extra
 
-    with Session(connect=connect, listen=listen, config=config) as session:
+    while True:
+        try:
+            session = Session(connect=connect, listen=listen, config=config)
+            break
+        except ConnectionError as error:
+            if missing is None or listen:  # or it cannot listen there
+                raise
+            missing(str(error))
+            missing = _do_nothing
+            time.sleep(_PAUSE)
+    with session:
         yield session
+
+
+def _do_nothing(_: str) -> None:
+    """Say once what is missing."""
 
 
 def follow_events(command: str, what: Home | Mirror, *, as_json: bool) -> None:
     """Print events until Ctrl-C, or until it has ended. Raises the error that ended it."""
     with suppress(KeyboardInterrupt):  # the usual end
         for event in what.events():
-            _show(command, event, as_json=as_json)
+            show_event(command, event, as_json=as_json)
     if what.error is not None:
         raise what.error
 
 
-def _show(command: str, event: Event, *, as_json: bool) -> None:
+def show_event(command: str, event: Event, *, as_json: bool) -> None:
+    """Print an event at once."""
     if as_json:
         body = {"name": event.name, "event": event.kind, "text": event.text, "time_ns": event.time}
         output.emit_json_line(command, body)

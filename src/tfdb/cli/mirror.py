@@ -10,7 +10,7 @@ import click
 from tfdb.data.counting import counted
 
 from . import common, layout, output
-from .connecting import connected, follow_events, network_options
+from .connecting import connected, follow_events, network_options, show_event
 from .filling import history_option, into_option, open_store
 from .graph import STORE
 from .groups import SuggestingCommand
@@ -52,21 +52,31 @@ def command(
 
     NAME is that of 'tfdb publish' on the other machine, the home. While the home is gone, and when
     the command ends, the store stays as it is. The command goes on from there when it is run again.
+    It waits for a router that is not there yet, unless it listens itself.
 
-    Exit code: 0 by Ctrl-C, 1 if the home was gone then, 2 on an error.
+    Exit code: 0 by Ctrl-C, 1 if the home was gone then, 2 on an error, 130 by Ctrl-C while it waits
+    for a router.
     """
-    from tfdb.net import mirror  # noqa: PLC0415 - Zenoh is an extra
+    from tfdb.net import Event, mirror  # noqa: PLC0415 - Zenoh is an extra
+    from tfdb.net.link import check_network_name  # noqa: PLC0415 - as above
 
     began = time.monotonic()
+    check_network_name(name)
     store = into.removeprefix(STORE)
-    with connected(connect, listen, config) as session:
-        buffer = open_store(store, history)
-        with mirror(name, into=buffer, prefix=prefix, shared=shared, session=session) as following:
-            if not as_json:
-                text = f"{name} into shm:{store}; Ctrl-C ends it"
-                output.say(layout.wrap(layout.words(text, name)))
-            follow_events("mirror", following, as_json=as_json)
-            state = following.state
+    buffer = open_store(store, history)
+
+    def missing(text: str) -> None:
+        show_event("mirror", Event(time.time_ns(), name, "absent", text), as_json=as_json)
+
+    with (
+        connected(connect, listen, config, missing) as session,
+        mirror(name, into=buffer, prefix=prefix, shared=shared, session=session) as following,
+    ):
+        if not as_json:
+            text = f"{name} into shm:{store}; Ctrl-C ends it"
+            output.say(layout.wrap(layout.words(text, name)))
+        follow_events("mirror", following, as_json=as_json)
+        state = following.state
     _show_end(following, store, state, began, as_json=as_json)
     if state in ("absent", "stale"):
         click.get_current_context().exit(1)
