@@ -140,17 +140,24 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
 @click.option(
     "--domain", metavar="ID", default="", help="Number of the ROS domain.  [default: ROS_DOMAIN_ID]"
 )
+@click.option(
+    "--rmw",
+    type=click.Choice(["zenoh"]),
+    help="Join a graph of rmw_zenoh without ROS.  [default: rclpy, where it is installed]",
+)
 @_serves_graph
-def ros2(*, domain: str, into: str, history: int | None, as_json: bool) -> None:
+def ros2(
+    *, domain: str, rmw: str | None, into: str, history: int | None, as_json: bool
+) -> None:
     """Fill the store NAME from /tf and /tf_static of a ROS 2 graph, until Ctrl-C.
 
     Example: tfdb serve ros2 --domain 7 --into robot1
 
     This process listens; all others look up by tfdb.Buffer.open("NAME") or
     tfdb.tf2.Buffer(store="NAME"). It needs rclpy and tf2_msgs: source the setup.bash of ROS 2
-    first. --ros-args works as in ROS. The store stays when the command ends.
+    first. --rmw zenoh needs neither. --ros-args works as in ROS. The store stays when the command ends.
     """
-    _serve_graph(f"ros2:{domain}", into, history, as_json=as_json)
+    _serve_graph(f"ros2{'+zenoh' if rmw else ''}:{domain}", into, history, as_json=as_json)
 
 
 def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -> None:

@@ -1,7 +1,8 @@
 """Live ROS: nodes that carry bytes between a graph and a store.
 
 A message stays the bytes that it came as: `Buffer.ingest` decodes them natively. `TcprosNode` is a
-node of ROS 1 without any package of ROS, `RospyNode` one within rospy, `RclpyNode` one of ROS 2.
+node of ROS 1 without any package of ROS, `RospyNode` one within rospy, `RclpyNode` one of ROS 2, and
+`ZenohNode` one of ROS 2 in a graph of rmw_zenoh without any package of ROS.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from .rclpy_node import RclpyNode
     from .rospy_node import RospyNode
     from .tcpros_node import TcprosNode
+    from .zenoh_node import ZenohNode
 
 __all__ = [
     "Encoding",
@@ -29,6 +31,7 @@ __all__ = [
     "Service",
     "Subscription",
     "TcprosNode",
+    "ZenohNode",
     "node_for",
 ]
 
@@ -42,5 +45,6 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "rclpy_node": ("RclpyNode",),
             "rospy_node": ("RospyNode",),
             "tcpros_node": ("TcprosNode",),
+            "zenoh_node": ("ZenohNode",),
         },
     )

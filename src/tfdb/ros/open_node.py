@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from tfdb.data.errors import InvalidArgument, InvalidName, NotSupported
+
+from .ros2_names import domain_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -16,12 +19,18 @@ if TYPE_CHECKING:
 
 __all__ = ["open_node"]
 
-LAST_DOMAIN = 232  # the ports of a higher one would be above 65535
+ZENOH = "rmw_zenoh_cpp"
+"""Value of RMW_IMPLEMENTATION for a graph over Zenoh."""
 
 
 @contextmanager
 def open_node(
-    side: Flavor, name: str, *, where: str = "", arguments: Sequence[str] = ()
+    side: Flavor,
+    name: str,
+    *,
+    where: str = "",
+    arguments: Sequence[str] = (),
+    zenoh: bool = False,
 ) -> Iterator[Node]:
     """Give a node of ROS 1 or ROS 2 that ends with the context.
 
@@ -29,7 +38,8 @@ def open_node(
     ----------
     side
         `ros1`: a `TcprosNode`, which needs no package of ROS. `ros2`: a `RclpyNode` that takes
-        messages in a thread of its own, and whose rclpy node is spun by another.
+        messages in a thread of its own, and whose rclpy node is spun by another. Where this Python
+        finds no rclpy and RMW_IMPLEMENTATION is rmw_zenoh_cpp: a `ZenohNode`.
     name
         The node's, without namespace; `arguments` may say another.
     where
@@ -37,8 +47,10 @@ def open_node(
     arguments
         Those that ROS understands: `from:=to` and `__name:=x` of ROS 1, and all from `--ros-args`
         on of ROS 2.
+    zenoh
+        Whether to take a `ZenohNode` for `ros2` in any case.
 
-    Raises NoMaster; NotSupported where rclpy or tf2_msgs is not installed; InvalidName;
+    Raises NoMaster; ConnectionError without a Zenoh router; NotSupported without rclpy or tf2_msgs; InvalidName;
     InvalidArgument for a domain or arguments that are none.
     """
     if side == "ros1":
@@ -47,8 +59,17 @@ def open_node(
         with TcprosNode(name, master=where or None, arguments=arguments) as ros1_node:
             yield ros1_node
     else:
-        with _ros2_node(name, where, arguments) as ros2_node:
+        make = _zenoh_node if zenoh else _ros2_node
+        with make(name, where, arguments) as ros2_node:
             yield ros2_node
+
+
+@contextmanager
+def _zenoh_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node]:
+    from .zenoh_node import ZenohNode
+
+    with ZenohNode(name, domain=domain_of(where), arguments=arguments) as node:
+        yield node
 
 
 @contextmanager
@@ -61,18 +82,19 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
 
         from .rclpy_node import RclpyNode
     except ImportError as error:
+        if os.environ.get("RMW_IMPLEMENTATION") == ZENOH:
+            with _zenoh_node(name, where, arguments) as node:
+                yield node
+            return
         raise NotSupported(
             f"ROS 2 needs rclpy and tf2_msgs, and this Python does not find them ({error}): source"
-            " the setup.bash of a ROS 2 that has this Python's version"
+            " the setup.bash of a ROS 2 that has this Python's version, or, in a graph of"
+            f" rmw_zenoh, use ros2+zenoh: or RMW_IMPLEMENTATION={ZENOH}"
         ) from error
-    if where and not (where.isdecimal() and int(where) <= LAST_DOMAIN):
-        raise InvalidArgument(
-            f"{where!r} is not a domain of ROS 2: give 0 to {LAST_DOMAIN}", value=where
-        )
+    domain = domain_of(where) if where else None
     context = rclpy.Context()
     # Ctrl-C is the program's.
     signals = SignalHandlerOptions.NO
-    domain = int(where) if where else None
     try:
         rclpy.init(
             args=[*arguments],

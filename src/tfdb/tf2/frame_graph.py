@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from tfdb.data.errors import InvalidArgument
+from tfdb.data.errors import InvalidArgument, NotSupported
 
 if TYPE_CHECKING:
     from tfdb.ros import Encoding, Node, Service
@@ -16,14 +16,16 @@ __all__ = ["offer_frame_graph"]
 
 
 def offer_frame_graph(core: BufferCore, node: Node) -> Service | None:
-    """Offer the service in a node; None: another buffer of the node, ours or tf2's, has it."""
+    """Offer the service in a node; None: another buffer of the node has it, or the
+    node offers no services.
+    """
     name = "~tf2_frames" if node.flavor == "ros1" else "tf2_frames"
     encoding = node.encoding
     try:
         return node.serve(
             name, "tf2_msgs/FrameGraph", lambda _: _response(core.all_frames_as_yaml(), encoding)
         )
-    except InvalidArgument:
+    except (InvalidArgument, NotSupported):  # the latter: a node without services
         return None
 
 

@@ -1,0 +1,300 @@
+"""A node of ROS 2 without a package of ROS: names, clock and callbacks. A link carries bytes."""
+
+from __future__ import annotations
+
+import os
+import struct
+import threading
+import time
+import weakref
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+from tfdb.data.errors import CorruptMessage, InvalidArgument, NodeClosed, NotSupported
+
+from .loop import LOG
+from .ros2_names import kind_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from .node import Encoding, Flavor, Publisher, Service, Subscription
+    from .ros2_names import Kind, Ros2Names
+
+__all__ = ["Link", "Topic", "WireNode"]
+
+CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
+_TIME = struct.Struct("<iI")
+_HEADER = 4  # bytes of CDR before a message
+SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic as an endpoint opens it."""
+
+    name: str
+    kind: Kind
+    latched: bool
+    depth: int
+
+
+class Opened(Protocol):
+    """An endpoint."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class Sender(Opened, Protocol):
+    """An endpoint that sends."""
+
+    def send(self, data: bytes) -> None:
+        """Send a message."""
+
+
+class Link(Protocol):
+    """A connection to a graph. Threads: any."""
+
+    def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> Opened:
+        """Call `take(data, sender)` for each message of a topic, in their order."""
+
+    def offer(self, topic: Topic) -> Sender:
+        """Offer a topic."""
+
+    def close(self) -> None:
+        """Close it, with its endpoints."""
+
+
+class WireNode:
+    """A node of ROS 2 over a `Link`.
+
+    Threads: any may call anything. A topic's callback is called by a thread of its subscription: a
+    callback that waits holds up its own subscription alone.
+    """
+
+    flavor: Flavor = "ros2"
+    encoding: Encoding = "cdr"
+
+    def __init__(self, names: Ros2Names, link: Link) -> None:
+        self.name: str = names.node
+        """Its full name in the graph."""
+        self._names, self._link = names, link
+        self._lock = threading.RLock()
+        self._on_clock: list[_Entity] = []
+        self._opened: set[_Entity] = set()
+        self._ended = False
+        self._now = 0
+        self._simulated = names.use_sim_time
+        self._process = os.getpid()
+        _OPEN.add(self)
+        if self._simulated:
+            self.subscribe(CLOCK, CLOCK_KIND, self._take_clock, depth=1)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}{', closed' if self._ended else ''}>"
+
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        on_message: Callable[[bytes | memoryview, str], None],
+        *,
+        latched: bool = False,
+        depth: int = 100,
+        qos: Any = None,
+    ) -> Subscription:
+        """Call `on_message(data, publisher)` for each message of a topic, in their order.
+
+        `publisher` is the name of the publisher's node, or the publisher's gid in hexadecimal
+        digits where no token of it is known. Of more than `depth` messages that wait, the oldest
+        are dropped. Raises InvalidName, InvalidArgument, NodeClosed.
+        """
+        _refuse_profile(qos)
+        wanted = Topic(self._names.resolve(topic), kind_of(kind), latched, depth)
+        failed: set[str] = set()
+
+        def take(data: bytes, sender: str) -> None:
+            try:
+                on_message(data, sender)
+            except Exception as error:
+                if sender not in failed and len(failed) < 1000:
+                    failed.add(sender)
+                    LOG.warning(
+                        "a message of %s on %s: %s; said once for each publisher",
+                        sender,
+                        wanted.name,
+                        error,
+                        exc_info=not isinstance(error, CorruptMessage),
+                    )
+
+        with self._lock:
+            self._check_open()
+            return self._keep(_Entity(self, self._link.hear(wanted, take)))
+
+    def advertise(
+        self,
+        topic: str,
+        kind: str,
+        *,
+        latched: bool = False,
+        depth: int = 100,
+        qos: Any = None,
+    ) -> Publisher:
+        """Offer a topic. Late joiners get the last `depth` messages if it is latched.
+
+        Raises InvalidName, InvalidArgument, NodeClosed.
+        """
+        _refuse_profile(qos)
+        wanted = Topic(self._names.resolve(topic), kind_of(kind), latched, depth)
+        with self._lock:
+            self._check_open()
+            publisher = _Publisher(self, self._link.offer(wanted), wanted.name)
+            self._keep(publisher)
+            return publisher
+
+    def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:  # noqa: ARG002
+        """Raise NotSupported: services need rclpy."""
+        raise NotSupported(f"the service {name} needs a node of rclpy; {self.name} has topics only")
+
+    def now(self) -> int:
+        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`.
+
+        The latter is 0 before the first message on /clock.
+        """
+        return self._now if self._simulated else time.time_ns()
+
+    @property
+    def simulated(self) -> bool:
+        """Whether `now` is simulated time."""
+        return self._simulated
+
+    @property
+    def closed(self) -> bool:
+        """Whether the node was closed."""
+        return self._ended
+
+    def on_clock(self, called: Callable[[int], None]) -> Subscription:
+        """Call `called(now)` whenever simulated time is set, and once when the node ends.
+
+        At once where it has ended.
+        """
+        listener = _Entity(self, called=called)
+        with self._lock:
+            ended = self._ended
+            self._on_clock.append(listener)
+        if ended:
+            called(self.now())
+        return listener
+
+    def close(self) -> None:
+        """Close the node, with all that was opened. Again: nothing happens."""
+        with self._lock:
+            if self._ended:
+                return
+            self._ended = True
+            opened, self._opened = self._opened, set()
+        _OPEN.discard(self)
+        self._tell_clock()  # callbacks of topics may wait for the node's end
+        if os.getpid() != self._process:
+            return  # the link's threads are not in a child of `fork`
+        for each in opened:
+            each.close()
+        self._link.close()
+
+    def _take_clock(self, data: bytes | memoryview, _: str) -> None:
+        if len(data) != _HEADER + _TIME.size:
+            text = f"a {CLOCK_KIND} of {len(data)} bytes; it has {_HEADER + _TIME.size}"
+            raise CorruptMessage(text, offset=0, reason="length")
+        seconds, nanoseconds = _TIME.unpack_from(data, _HEADER)
+        self._now = seconds * SECOND + nanoseconds
+        self._tell_clock()
+
+    def _tell_clock(self) -> None:
+        with self._lock:
+            listeners = list(self._on_clock)
+        for listener in listeners:
+            try:
+                listener.called(self.now())
+            except Exception:
+                LOG.exception("a clock callback of %s failed", self.name)
+
+    def _check_open(self) -> None:
+        if self._ended:
+            raise NodeClosed(f"the node {self.name} is closed", reason="it was closed")
+
+    def _keep(self, entity: _Entity) -> _Entity:
+        self._opened.add(entity)
+        return entity
+
+    def _forget(self, entity: _Entity) -> None:
+        with self._lock:
+            self._opened.discard(entity)
+            self._on_clock = [each for each in self._on_clock if each is not entity]
+
+
+class _Entity:
+    """A subscription, publisher or clock callback of a node. Threads: any."""
+
+    native: Any = None
+
+    def __init__(
+        self,
+        node: WireNode,
+        opened: Opened | None = None,
+        *,
+        called: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self.called = called
+        self._node, self._end = node, opened
+
+    def close(self) -> None:
+        """End it. Again: nothing happens."""
+        opened, self._end = self._end, None
+        self._node._forget(self)
+        if opened is not None:
+            opened.close()
+
+
+class _Publisher(_Entity):
+    """A sender of a topic. Threads: any."""
+
+    def __init__(self, node: WireNode, sender: Sender, topic: str) -> None:
+        super().__init__(node, sender)
+        self._sender, self._topic = sender, topic
+
+    def publish(self, data: bytes) -> None:
+        """Send one serialized message. Raises NodeClosed."""
+        if self._end is None:
+            text = f"this publisher of {self._topic} is closed"
+            raise NodeClosed(text, value=self._topic)
+        self._sender.send(bytes(data))
+
+
+_OPEN: weakref.WeakSet[WireNode] = weakref.WeakSet()
+
+
+def _close_all() -> None:
+    for node in list(_OPEN):
+        node.close()
+
+
+# A link's threads are threads of Python that a process waits for at its end, before `atexit`.
+threading._register_atexit(_close_all)  # type: ignore[attr-defined]
+
+
+def _refuse_profile(qos: Any) -> None:
+    if qos is not None:
+        raise InvalidArgument("QoS profiles are rclpy's: give latched and depth", value=str(qos))

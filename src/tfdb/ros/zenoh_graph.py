@@ -1,0 +1,273 @@
+"""Zenoh below a node of ROS 2: the one file of this room that imports it."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import time
+from contextlib import suppress
+from itertools import count
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+import xxhash
+import zenoh
+
+from tfdb.data.errors import InvalidArgument
+
+from .loop import LOG
+from .zenoh_keys import NO_HASH, Attachment, node_of, publishers, quality, token, topic_key
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .ros2_names import Ros2Names
+    from .wire_node import Topic
+
+__all__ = ["ZenohGraph"]
+
+_ROUTER = "tcp/localhost:7447"
+_CONNECT_MS = 3000
+_PATIENCE = 2.0  # seconds for the tokens of a graph
+_HEARTBEAT = 0.5  # seconds, as rmw_zenoh's
+_MOST_NAMES = 10_000
+_MOST_TOLD = 1000
+_ENDED = zenoh.ZError
+
+
+def gid_of(text: str) -> bytes:
+    """The gid of an endpoint: a hash of its token, as rmw_zenoh's."""
+    found: int = xxhash.xxh3_128_intdigest(text)
+    return found.to_bytes(16, "little")
+
+
+def _configuration(router: str | None) -> tuple[Any, str]:
+    """Configuration of a session, and where it connects. Raises InvalidArgument."""
+    file = "" if router else os.environ.get("ZENOH_SESSION_CONFIG_URI", "")
+    override = os.environ.get("ZENOH_CONFIG_OVERRIDE", "")
+    where = file or router or _ROUTER
+    try:
+        if file:
+            config = zenoh.Config.from_file(urlsplit(file).path if "://" in file else file)
+        else:
+            config = zenoh.Config()
+            for key, value in (
+                ("mode", "client"),
+                ("connect/endpoints", [where]),
+                ("connect/timeout_ms", _CONNECT_MS),
+                ("connect/exit_on_failure", True),
+                ("scouting/multicast/enabled", False),
+                ("scouting/gossip/enabled", False),
+            ):
+                config.insert_json5(key, json.dumps(value))
+        # A publisher's cache needs them.
+        config.insert_json5("timestamping/enabled", "true")
+        for each in filter(None, (part.strip() for part in override.split(";"))):
+            key, _, text = each.partition("=")
+            config.insert_json5(key, text)
+            where = text if key == "connect/endpoints" else where
+    except zenoh.ZError as error:
+        text = "ZENOH_SESSION_CONFIG_URI must name a file of Zenoh's configuration, the router be an"
+        text += " endpoint such as tcp/localhost:7447, and ZENOH_CONFIG_OVERRIDE be KEY=VALUE;..."
+        raise InvalidArgument(f"{text}; got {where!r} and {override!r}", value=where) from error
+    return config, where
+
+
+class ZenohGraph:
+    """See `Link`. Threads: any."""
+
+    def __init__(self, names: Ros2Names, domain: int, router: str | None) -> None:
+        config, where = _configuration(router)
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            text = f"no Zenoh router at {where}: start one, such as 'ros2 run rmw_zenoh_cpp "
+            text += "rmw_zenohd', or name it in ZENOH_CONFIG_OVERRIDE"
+            raise ConnectionError(text) from error
+        self.refused = 0
+        self._names, self._domain = names, domain
+        self._id = str(self._session.zid())
+        self._numbers = count(1)
+        self._lock = threading.Lock()
+        self._nodes: dict[bytes, str] = {}
+        self._told: set[tuple[str, str]] = set()
+        node = token(domain, self._id, 0, "NN", names.namespace, names.base)
+        self._token = self._session.liveliness().declare_token(node)
+
+    def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> _Hearing:
+        """See `Link`."""
+        key = f"{self._domain}/{topic.name.strip('/')}/*/*"
+        # Of more messages than these, the oldest are dropped.
+        ring: Any = zenoh.handlers.RingChannel(max(topic.depth, 1))
+        if topic.latched:
+            subscriber = zenoh.ext.declare_advanced_subscriber(
+                self._session,
+                key,
+                ring,
+                history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+                recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                subscriber_detection=True,
+            )
+        else:
+            subscriber = self._session.declare_subscriber(key, ring)
+        live = self._session.liveliness().declare_token(self._endpoint("MS", topic))
+        return _Hearing(self, topic, subscriber, live, take)
+
+    def offer(self, topic: Topic) -> _Offering:
+        """See `Link`."""
+        key, text = topic_key(self._domain, topic.name, topic.kind), self._endpoint("MP", topic)
+        drop = zenoh.CongestionControl.DROP
+        if topic.latched:
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._session,
+                key,
+                congestion_control=drop,
+                cache=zenoh.ext.CacheConfig(max(topic.depth, 1)),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(
+                    heartbeat=None, sporadic_heartbeat=_HEARTBEAT
+                ),
+                publisher_detection=True,
+            )
+        else:
+            publisher = self._session.declare_publisher(key, congestion_control=drop, express=True)
+        gid = gid_of(text)
+        with self._lock:
+            self._nodes[gid] = self._names.node
+        return _Offering(publisher, self._session.liveliness().declare_token(text), gid)
+
+    def close(self) -> None:
+        """See `Link`."""
+        self._session.close()
+
+    def key_of(self, topic: Topic) -> str:
+        """Key of a topic's messages of the wanted type."""
+        return topic_key(self._domain, topic.name, topic.kind)
+
+    def node_of(self, gid: bytes) -> str:
+        """Name of a publisher's node; its gid where no token of it is there."""
+        found = self._nodes.get(gid)
+        if found is None:
+            with self._lock:
+                if len(self._nodes) >= _MOST_NAMES:
+                    self._nodes.clear()
+            self._ask()
+            found = self._nodes.setdefault(gid, gid.hex())
+        return found
+
+    def refuse(self, topic: Topic, key: str, why: str) -> None:
+        """Count a message that is none of the wanted ones, and log it once."""
+        with self._lock:
+            self.refused += 1
+            if (key, why) in self._told or len(self._told) >= _MOST_TOLD:
+                return
+            self._told.add((key, why))
+        LOG.warning("left out a message on %s (%s): %s; said once", topic.name, key, why)
+
+    def _ask(self) -> None:
+        """Read who publishes."""
+        replies: Any = self._session.liveliness().get(publishers(self._domain), timeout=_PATIENCE)
+        for reply in replies:
+            if reply.ok is not None:
+                text = str(reply.ok.key_expr)
+                with suppress(ValueError):  # a token of a later layout
+                    self._nodes[gid_of(text)] = node_of(text)
+
+    def _endpoint(self, role: str, topic: Topic) -> str:
+        names, number = self._names, next(self._numbers)
+        return token(
+            self._domain,
+            self._id,
+            number,
+            role,
+            names.namespace,
+            names.base,
+            topic.name,
+            topic.kind.wire,
+            topic.kind.hash,
+            quality(latched=topic.latched, depth=topic.depth),
+        )
+
+
+class _Hearing:
+    """A subscription, and the thread that receives. Threads: any may close it."""
+
+    def __init__(
+        self,
+        graph: ZenohGraph,
+        topic: Topic,
+        subscriber: Any,
+        live: Any,
+        take: Callable[[bytes, str], None],
+    ) -> None:
+        self._graph, self._topic, self._take = graph, topic, take
+        self._subscriber, self._live = subscriber, live
+        self._is_closed = False
+        self._key = graph.key_of(topic)
+        self._thread = threading.Thread(
+            target=self._run, name=f"tfdb ROS {topic.name}", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it."""
+        self._is_closed = True
+        for each in (self._live, self._subscriber):
+            with suppress(zenoh.ZError):  # the session was closed before
+                each.undeclare()
+        if self._thread is not threading.current_thread():
+            self._thread.join(1.0)  # a callback may wait
+
+    def _run(self) -> None:
+        subscriber, graph, take = self._subscriber, self._graph, self._take
+        while not self._is_closed:
+            try:
+                sample = subscriber.recv()
+            except _ENDED:
+                return
+            if self._is_closed or not self._is_wanted(str(sample.key_expr)):
+                continue
+            attached = sample.attachment
+            try:
+                attachment = Attachment.decode(b"" if attached is None else attached.to_bytes())
+            except ValueError as error:
+                graph.refuse(self._topic, str(sample.key_expr), str(error))
+                continue
+            try:
+                sender = graph.node_of(attachment.gid)
+            except _ENDED:
+                return
+            take(sample.payload.to_bytes(), sender)
+
+    def _is_wanted(self, key: str) -> bool:
+        if key == self._key:
+            return True
+        kind = self._topic.kind
+        name, found = key.split("/")[-2:]
+        if (name, found) == (kind.wire, NO_HASH):
+            return True
+        why = f"its type is {name} with hash {found}, wanted is {kind.wire} with hash {kind.hash}"
+        self._graph.refuse(self._topic, key, why)
+        return False
+
+
+class _Offering:
+    """A publisher. Threads: any."""
+
+    def __init__(self, publisher: Any, live: Any, gid: bytes) -> None:
+        self._publisher, self._live, self._gid = publisher, live, gid
+        self._lock = threading.Lock()
+        self._sent = 0
+
+    def send(self, data: bytes) -> None:
+        """Send a message."""
+        with self._lock:  # numbers go up in the order of the messages
+            self._sent += 1
+            attachment = Attachment(self._sent, time.time_ns(), self._gid)
+            self._publisher.put(data, attachment=attachment.encode())
+
+    def close(self) -> None:
+        """End it."""
+        for each in (self._live, self._publisher):
+            with suppress(zenoh.ZError):  # the session was closed before
+                each.undeclare()

@@ -1,0 +1,71 @@
+"""A node of ROS 2 in a graph of rmw_zenoh, without a package of ROS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.data.errors import NotSupported
+
+from .names import anonymous
+from .ros2_names import Ros2Names, domain_of
+from .wire_node import WireNode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["ZenohNode"]
+
+
+class ZenohNode(WireNode):
+    """A node in a graph of rmw_zenoh: topics and a clock, over PyPI's eclipse-zenoh.
+
+    It sends and receives `tf2_msgs/TFMessage`, `rosgraph_msgs/Clock` and
+    `diagnostic_msgs/DiagnosticArray`. Messages whose type hash or attachment differs are counted,
+    logged once and refused.
+
+    Threads: any may call anything. Each subscription has a thread, which calls its callback.
+
+    Parameters
+    ----------
+    name
+        Without namespace; None: one that no other node has.
+    domain
+        ROS domain; None: ROS_DOMAIN_ID, or 0.
+    router
+        Endpoint of the Zenoh router, such as `tcp/10.0.0.1:7447`. None: the configuration in
+        ZENOH_SESSION_CONFIG_URI, or the router at tcp/localhost:7447. ZENOH_CONFIG_OVERRIDE changes
+        either.
+    arguments
+        Those of the program, for remappings behind `--ros-args`; None: `sys.argv`.
+
+    Raises NotSupported without eclipse-zenoh, ConnectionError without a router, InvalidName,
+    InvalidArgument.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        *,
+        domain: int | None = None,
+        router: str | None = None,
+        arguments: Sequence[str] | None = None,
+    ) -> None:
+        try:
+            from .zenoh_graph import ZenohGraph  # noqa: PLC0415 - an extra
+        except ImportError as error:
+            text = f"rmw_zenoh without ROS needs eclipse-zenoh: pip install 'tfdb[net]' ({error})"
+            raise NotSupported(text, reason="eclipse-zenoh") from error
+        names = Ros2Names(anonymous("tfdb") if name is None else name, arguments)
+        number = domain_of("" if domain is None else str(domain))
+        graph = ZenohGraph(names, number, router)
+        try:
+            super().__init__(names, graph)
+        except BaseException:
+            graph.close()
+            raise
+        self._graph = graph
+
+    @property
+    def refused(self) -> int:
+        """How many messages were refused: another type, type hash or attachment."""
+        return self._graph.refused
