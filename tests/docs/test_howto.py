@@ -35,7 +35,7 @@ def run(page: Path) -> None:
 
 
 # tests/ros/test_howto_live.py runs these, on real graphs.
-LIVE = {"ros1-node", "ros2-node"}
+LIVE = {"ros1-node", "ros2-node", "ros2-without-ros"}
 # Those that need PyPI's eclipse-zenoh.
 NETWORK = {"several-machines"}
 

@@ -146,9 +146,7 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
     help="Join a graph of rmw_zenoh without ROS.  [default: rclpy, where it is installed]",
 )
 @_serves_graph
-def ros2(
-    *, domain: str, rmw: str | None, into: str, history: int | None, as_json: bool
-) -> None:
+def ros2(*, domain: str, rmw: str | None, into: str, history: int | None, as_json: bool) -> None:
     """Fill the store NAME from /tf and /tf_static of a ROS 2 graph, until Ctrl-C.
 
     Example: tfdb serve ros2 --domain 7 --into robot1

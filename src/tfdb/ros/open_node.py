@@ -50,8 +50,8 @@ def open_node(
     zenoh
         Whether to take a `ZenohNode` for `ros2` in any case.
 
-    Raises NoMaster; ConnectionError without a Zenoh router; NotSupported without rclpy or tf2_msgs; InvalidName;
-    InvalidArgument for a domain or arguments that are none.
+    Raises NoMaster; ConnectionError without a Zenoh router; NotSupported without rclpy or tf2_msgs;
+    InvalidName; InvalidArgument for a domain or arguments that are none.
     """
     if side == "ros1":
         from .tcpros_node import TcprosNode

@@ -6,6 +6,7 @@ import json
 import os
 import threading
 import time
+from collections import deque
 from contextlib import suppress
 from itertools import count
 from typing import TYPE_CHECKING, Any
@@ -33,12 +34,11 @@ _PATIENCE = 2.0  # seconds for the tokens of a graph
 _HEARTBEAT = 0.5  # seconds, as rmw_zenoh's
 _MOST_NAMES = 10_000
 _MOST_TOLD = 1000
-_ENDED = zenoh.ZError
 
 
 def gid_of(text: str) -> bytes:
     """The gid of an endpoint: a hash of its token, as rmw_zenoh's."""
-    found: int = xxhash.xxh3_128_intdigest(text)
+    found: int = xxhash.xxh3_128_intdigest(text.encode())
     return found.to_bytes(16, "little")
 
 
@@ -68,7 +68,9 @@ def _configuration(router: str | None) -> tuple[Any, str]:
             config.insert_json5(key, text)
             where = text if key == "connect/endpoints" else where
     except zenoh.ZError as error:
-        text = "ZENOH_SESSION_CONFIG_URI must name a file of Zenoh's configuration, the router be an"
+        text = (
+            "ZENOH_SESSION_CONFIG_URI must name a file of Zenoh's configuration, the router be an"
+        )
         text += " endpoint such as tcp/localhost:7447, and ZENOH_CONFIG_OVERRIDE be KEY=VALUE;..."
         raise InvalidArgument(f"{text}; got {where!r} and {override!r}", value=where) from error
     return config, where
@@ -98,21 +100,21 @@ class ZenohGraph:
     def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> _Hearing:
         """See `Link`."""
         key = f"{self._domain}/{topic.name.strip('/')}/*/*"
-        # Of more messages than these, the oldest are dropped.
-        ring: Any = zenoh.handlers.RingChannel(max(topic.depth, 1))
+        hearing = _Hearing(self, topic, take)
         if topic.latched:
             subscriber = zenoh.ext.declare_advanced_subscriber(
                 self._session,
                 key,
-                ring,
+                hearing.put,
                 history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
                 recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
                 subscriber_detection=True,
             )
         else:
-            subscriber = self._session.declare_subscriber(key, ring)
+            subscriber = self._session.declare_subscriber(key, hearing.put)
         live = self._session.liveliness().declare_token(self._endpoint("MS", topic))
-        return _Hearing(self, topic, subscriber, live, take)
+        hearing.declared = (live, subscriber)
+        return hearing
 
     def offer(self, topic: Topic) -> _Offering:
         """See `Link`."""
@@ -166,12 +168,15 @@ class ZenohGraph:
 
     def _ask(self) -> None:
         """Read who publishes."""
-        replies: Any = self._session.liveliness().get(publishers(self._domain), timeout=_PATIENCE)
-        for reply in replies:
-            if reply.ok is not None:
-                text = str(reply.ok.key_expr)
-                with suppress(ValueError):  # a token of a later layout
-                    self._nodes[gid_of(text)] = node_of(text)
+        with suppress(zenoh.ZError):  # the session was closed
+            replies: Any = self._session.liveliness().get(
+                publishers(self._domain), timeout=_PATIENCE
+            )
+            for reply in replies:
+                if reply.ok is not None:
+                    text = str(reply.ok.key_expr)
+                    with suppress(ValueError):  # a token of a later layout
+                        self._nodes[gid_of(text)] = node_of(text)
 
     def _endpoint(self, role: str, topic: Topic) -> str:
         names, number = self._names, next(self._numbers)
@@ -192,17 +197,14 @@ class ZenohGraph:
 class _Hearing:
     """A subscription, and the thread that receives. Threads: any may close it."""
 
-    def __init__(
-        self,
-        graph: ZenohGraph,
-        topic: Topic,
-        subscriber: Any,
-        live: Any,
-        take: Callable[[bytes, str], None],
-    ) -> None:
+    def __init__(self, graph: ZenohGraph, topic: Topic, take: Callable[[bytes, str], None]) -> None:
         self._graph, self._topic, self._take = graph, topic, take
-        self._subscriber, self._live = subscriber, live
+        self.declared: tuple[Any, ...] = ()
+        """What `close` takes back."""
         self._is_closed = False
+        # Of more messages than these, the oldest are dropped.
+        self._waiting: deque[Any] = deque(maxlen=max(topic.depth, 1))
+        self._wake = threading.Condition()
         self._key = graph.key_of(topic)
         self._thread = threading.Thread(
             target=self._run, name=f"tfdb ROS {topic.name}", daemon=True
@@ -211,33 +213,37 @@ class _Hearing:
 
     def close(self) -> None:
         """End it."""
-        self._is_closed = True
-        for each in (self._live, self._subscriber):
-            with suppress(zenoh.ZError):  # the session was closed before
-                each.undeclare()
+        with self._wake:
+            self._is_closed = True
+            self._wake.notify()
+        _take_back(*self.declared)
         if self._thread is not threading.current_thread():
             self._thread.join(1.0)  # a callback may wait
 
+    def put(self, sample: Any) -> None:
+        """Let the thread take a sample. A thread of Zenoh calls it."""
+        with self._wake:
+            self._waiting.append(sample)
+            self._wake.notify()
+
     def _run(self) -> None:
-        subscriber, graph, take = self._subscriber, self._graph, self._take
-        while not self._is_closed:
-            try:
-                sample = subscriber.recv()
-            except _ENDED:
-                return
-            if self._is_closed or not self._is_wanted(str(sample.key_expr)):
+        while True:
+            with self._wake:
+                while not (self._waiting or self._is_closed):
+                    self._wake.wait()
+                if self._is_closed:
+                    return
+                sample = self._waiting.popleft()
+            key = str(sample.key_expr)
+            if not self._is_wanted(key):
                 continue
             attached = sample.attachment
             try:
                 attachment = Attachment.decode(b"" if attached is None else attached.to_bytes())
             except ValueError as error:
-                graph.refuse(self._topic, str(sample.key_expr), str(error))
+                self._graph.refuse(self._topic, key, str(error))
                 continue
-            try:
-                sender = graph.node_of(attachment.gid)
-            except _ENDED:
-                return
-            take(sample.payload.to_bytes(), sender)
+            self._take(sample.payload.to_bytes(), self._graph.node_of(attachment.gid))
 
     def _is_wanted(self, key: str) -> bool:
         if key == self._key:
@@ -268,6 +274,10 @@ class _Offering:
 
     def close(self) -> None:
         """End it."""
-        for each in (self._live, self._publisher):
-            with suppress(zenoh.ZError):  # the session was closed before
-                each.undeclare()
+        _take_back(self._live, self._publisher)
+
+
+def _take_back(*declared: Any) -> None:
+    for each in declared:
+        with suppress(zenoh.ZError):  # the session was closed before
+            each.undeclare()

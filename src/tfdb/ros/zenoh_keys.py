@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .ros2_names import Kind
 
-__all__ = ["GID_SIZE", "NO_HASH", "Attachment", "node_of", "publishers", "quality", "token", "topic_key"]
+__all__ = [
+    "GID_SIZE",
+    "NO_HASH",
+    "Attachment",
+    "node_of",
+    "publishers",
+    "quality",
+    "token",
+    "topic_key",
+]
 
 GID_SIZE = 16
 NO_HASH = "TypeHashNotSupported"

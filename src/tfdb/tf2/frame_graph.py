@@ -16,9 +16,7 @@ __all__ = ["offer_frame_graph"]
 
 
 def offer_frame_graph(core: BufferCore, node: Node) -> Service | None:
-    """Offer the service in a node; None: another buffer of the node has it, or the
-    node offers no services.
-    """
+    """Offer the service in a node; None: another buffer has it, or the node has no services."""
     name = "~tf2_frames" if node.flavor == "ros1" else "tf2_frames"
     encoding = node.encoding
     try:

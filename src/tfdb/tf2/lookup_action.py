@@ -174,9 +174,10 @@ def server_in(node: Node, ns: str) -> ServerTransport:
         from .ros1_action import Ros1Server
 
         return Ros1Server(node, ns)
+    ours = _of_rclpy(node)
     from .ros2_action import Ros2Server
 
-    return Ros2Server(_of_rclpy(node), ns)
+    return Ros2Server(ours, ns)
 
 
 def client_in(node: Node, ns: str) -> ClientTransport:
@@ -185,12 +186,15 @@ def client_in(node: Node, ns: str) -> ClientTransport:
         from .ros1_action import Ros1Client
 
         return Ros1Client(node, ns)
+    ours = _of_rclpy(node)
     from .ros2_action import Ros2Client
 
-    return Ros2Client(_of_rclpy(node), ns)
+    return Ros2Client(ours, ns)
 
 
 def _of_rclpy(node: Node) -> RclpyNode:
+    if not hasattr(node, "given"):
+        raise NotSupported(f"actions of ROS 2 need a node of rclpy, and {node.name} is not one")
     from tfdb.ros.rclpy_node import RclpyNode
 
     if not isinstance(node, RclpyNode):
