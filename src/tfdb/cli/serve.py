@@ -153,7 +153,8 @@ def ros2(*, domain: str, rmw: str | None, into: str, history: int | None, as_jso
 
     This process listens; all others look up by tfdb.Buffer.open("NAME") or
     tfdb.tf2.Buffer(store="NAME"). It needs rclpy and tf2_msgs: source the setup.bash of ROS 2
-    first. --rmw zenoh needs neither. --ros-args works as in ROS. The store stays when the command ends.
+    first. --rmw zenoh needs neither. --ros-args works as in ROS. The store stays when the command
+    ends.
     """
     _serve_graph(f"ros2{'+zenoh' if rmw else ''}:{domain}", into, history, as_json=as_json)
 

@@ -1,8 +1,8 @@
 """Live ROS: nodes that carry bytes between a graph and a store.
 
 A message stays the bytes that it came as: `Buffer.ingest` decodes them natively. `TcprosNode` is a
-node of ROS 1 without any package of ROS, `RospyNode` one within rospy, `RclpyNode` one of ROS 2, and
-`ZenohNode` one of ROS 2 in a graph of rmw_zenoh without any package of ROS.
+node of ROS 1 without any package of ROS, `RospyNode` one within rospy, `RclpyNode` one of ROS 2.
+`ZenohNode` is a node of ROS 2 in a graph of rmw_zenoh, without any package of ROS.
 """
 
 from __future__ import annotations
