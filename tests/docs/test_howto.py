@@ -46,6 +46,7 @@ NETWORK = {"several-machines"}
 def test_page_runs(page: Path, workplace: Path) -> None:
     if page.stem in NETWORK and "CI" not in os.environ:
         pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
+        pytest.importorskip("trustme", reason="trustme is not installed")
     run(page)
 
 

@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from .events import Event, NetEvents
     from .home import Home, HomeStats, publish
     from .mirroring import Mirror, MirrorStats, mirror
+    from .security import Access, secure
     from .session import Session
 
 __all__ = [
+    "Access",
     "Event",
     "Home",
     "HomeStats",
@@ -25,6 +27,7 @@ __all__ = [
     "Session",
     "mirror",
     "publish",
+    "secure",
 ]
 
 if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
@@ -34,6 +37,7 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
             "events": ("Event", "NetEvents"),
             "home": ("Home", "HomeStats", "publish"),
             "mirroring": ("Mirror", "MirrorStats", "mirror"),
+            "security": ("Access", "secure"),
             "session": ("Session",),
         },
     )

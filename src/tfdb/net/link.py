@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _NAME = re.compile(r"[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*")
 _MOST = 255
 _ROOT = "tfdb/1"
+CONNECT_MS = 3000
+"""Milliseconds in which a router must answer."""
 
 
 class Token(NamedTuple):

@@ -65,6 +65,8 @@ class Receiver:
         self.known: Epoch = NONE if self.position is None else self.position.epoch
         """The latest epoch that it has heard of: messages of others are left out."""
         self.state: Kind = "absent"
+        self._missed_at = math.inf
+        self._is_told = False
         self.since: float | None = None
         """When the home was heard last, if it is gone."""
         self.commits: int = 0
@@ -162,6 +164,11 @@ class Receiver:
             state = "stale"
         else:
             state = "catching up" if self._is_behind() else "live"
+        if state == "absent" and not self._is_told:
+            self._missed_at = min(self._missed_at, now + SILENCE)
+            if now >= self._missed_at:
+                self._is_told = True
+                self._log.add(state, self._sentence(state))
         if state != self.state:
             self.state = state
             self.since = self._heard if state == "stale" else None
@@ -331,7 +338,8 @@ class Receiver:
     def _sentence(self, state: Kind) -> str:
         commit = 0 if self.position is None else self.position.commit
         return {
-            "absent": "no home was found",
+            "absent": "no home was found: check its name, that both reach one router, and that "
+            f"access control lets this certificate read {self._options['source']!r}",
             "catching up": f"commit {commit}, and the home has {self.newest}",
             "live": f"commit {commit}",
             "stale": f"the home is gone; commit {commit} stays",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from tfdb.data.errors import InvalidArgument, NotSupported
@@ -34,7 +36,8 @@ class Session:
         Endpoint, or several, at which this process is a router itself, such as
         `tcp/127.0.0.1:7447`. By default nothing listens.
     config
-        A file of Zenoh's configuration, instead of both. Without one, scouting is off.
+        Instead of both: Zenoh's configuration, as `tfdb.net.secure` makes it, or a file of it.
+        Where it says nothing else, the mode is `client`, nothing listens, and scouting is off.
 
     Raises
     ------
@@ -43,7 +46,7 @@ class Session:
     ConnectionError
         No router answers, or the endpoint is taken.
     InvalidArgument
-        `config` beside the others, or an endpoint that is none.
+        `config` beside the others or not valid, or an endpoint that is none.
     OSError
         The file cannot be read.
     """
@@ -53,20 +56,20 @@ class Session:
         *,
         connect: str | Iterable[str] = (),
         listen: str | Iterable[str] = (),
-        config: str | os.PathLike[str] | None = None,
+        config: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     ) -> None:
-        there, here = _endpoints("connect", connect), _endpoints("listen", listen)
+        there = check_endpoints("connect", connect, _ROUTER)
+        here = check_endpoints("listen", listen, _ROUTER)
         if config is not None and (there or here):
             raise InvalidArgument("config is given without connect and listen: it has them")
         try:
-            from .zenoh_link import config_for, config_of, open_link  # noqa: PLC0415 - an extra
+            from .zenoh_link import config_for, configs_of, open_link  # noqa: PLC0415 - an extra
         except ImportError as error:
             text = f"tfdb.net needs eclipse-zenoh: pip install 'tfdb[net]' ({error})"
             raise NotSupported(text, reason="eclipse-zenoh") from error
         if config is not None:
-            self._where = str(config)
-            text = check_path(config).read_text()
-            data, tokens = config_of(text), config_of(text)
+            text, self._where = _read(config)
+            data, tokens = configs_of(text, self._where)
         elif here:
             self._where = ", ".join([*here, *there])
             data, tokens = config_for("router", there, here), config_for("client", here, [])
@@ -105,10 +108,24 @@ class Session:
         return f"<tfdb.net.Session at {self._where}>"
 
 
-def _endpoints(name: str, value: str | Iterable[str]) -> list[str]:
+def _read(config: str | os.PathLike[str] | Mapping[str, Any]) -> tuple[str, str]:
+    """Return a configuration as text, and what errors call it."""
+    if not isinstance(config, Mapping):
+        return check_path(config).read_text(), str(config)
+    try:
+        text = json.dumps(dict(config))
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"config cannot be written as JSON: {error}") from error
+    ends = [config.get(each) for each in ("listen", "connect")]
+    found = [each for end in ends if isinstance(end, Mapping) for each in end.get("endpoints", ())]
+    return text, ", ".join(map(str, found)) or "those of config"
+
+
+def check_endpoints(name: str, value: str | Iterable[str], example: str) -> list[str]:
+    """Return endpoints. Raises InvalidArgument."""
     found: list[Any] = [value] if isinstance(value, str) else list(value)
     for each in found:
         if not isinstance(each, str) or each.count("/") != 1 or not all(each.split("/")):
-            text = f"{name} has endpoints such as {_ROUTER}, got {shown(each)}"
+            text = f"{name} has endpoints such as {example}, got {shown(each)}"
             raise InvalidArgument(text, value=each)
     return found

@@ -14,7 +14,7 @@ import zenoh
 
 from tfdb.data.errors import InvalidArgument
 
-from .link import ask_key, log_key, token_of, tokens_key
+from .link import CONNECT_MS, ask_key, log_key, token_of, tokens_key
 from .messages import question_of
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ _MOST_QUESTIONS = 64
 """So many more wait; beyond, none is answered, and the mirror asks again."""
 _PATIENCE = 5.0
 """Seconds for an answer."""
-_CONNECT_MS = 3000
 
 
 def open_link(data: zenoh.Config, tokens: zenoh.Config, where: str) -> ZenohLink:
@@ -51,12 +50,41 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
         raise ConnectionError(text) from error
 
 
-def config_of(text: str) -> zenoh.Config:
-    """Read a configuration. Raises InvalidArgument."""
+def configs_of(text: str, where: str) -> tuple[zenoh.Config, zenoh.Config]:
+    """Read a configuration for data, and make that for tokens of it. Raises InvalidArgument."""
     try:
-        return zenoh.Config.from_json5(text)
+        data, tokens = zenoh.Config.from_json5(text), zenoh.Config.from_json5(text)
+        for config in (data, tokens):
+            _close_what_is_open(config)
+        own = json.loads(tokens.get_json("listen/endpoints"))
+        if own:  # the tokens go through the router that the data's session is
+            if isinstance(own, dict):
+                own = own.get(json.loads(tokens.get_json("mode")), [])
+            _set(tokens, "mode", "client")
+            _set(tokens, "connect/endpoints", own)
+            _set(tokens, "listen/endpoints", [])
+            _set(tokens, "transport/link/tls/verify_name_on_connect", value=False)
+            _set(tokens, "access_control/enabled", value=False)
     except zenoh.ZError as error:
-        raise InvalidArgument("config must be a file of Zenoh's configuration in JSON5") from error
+        text = f"{where}: not a configuration of Zenoh in JSON5"
+        raise InvalidArgument(f"config: {text}") from error
+    return data, tokens
+
+
+def _close_what_is_open(config: zenoh.Config) -> None:
+    """Let a configuration neither listen nor search the network where it does not say so."""
+    if config.get_json("mode") == "null":
+        _set(config, "mode", "client")
+    for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
+        if config.get_json(key) == "null":
+            _set(config, key, value=False)
+    key = "listen/endpoints"
+    if config.get_json(key) == zenoh.Config().get_json(key):  # all addresses
+        _set(config, key, [])
+
+
+def _set(config: zenoh.Config, key: str, value: object) -> None:
+    config.insert_json5(key, json.dumps(value))
 
 
 def config_for(mode: str, connect: list[str], listen: list[str]) -> zenoh.Config:
@@ -65,14 +93,14 @@ def config_for(mode: str, connect: list[str], listen: list[str]) -> zenoh.Config
     for key, value in (
         ("mode", mode),
         ("connect/endpoints", connect),
-        ("connect/timeout_ms", _CONNECT_MS if connect else 0),
+        ("connect/timeout_ms", CONNECT_MS if connect else 0),
         ("connect/exit_on_failure", bool(connect)),
         ("listen/endpoints", listen),
         ("listen/exit_on_failure", True),
         ("scouting/multicast/enabled", False),
         ("scouting/gossip/enabled", False),
     ):
-        config.insert_json5(key, json.dumps(value))
+        _set(config, key, value)
     return config
 
 
