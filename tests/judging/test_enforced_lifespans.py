@@ -205,6 +205,8 @@ def test_an_impossible_enforcement_is_refused(robot: tfdb.Buffer) -> None:
     own = tfdb.Buffer(clock=lambda: START)
     with pytest.raises(InvalidArgument, match="clock of its own"):
         own.expect("odom", "base", lifespan=0.5, enforce=True)
+    with pytest.raises(InvalidArgument, match="give a name"):
+        robot.expect("\ud800", "base", lifespan=0.5, enforce=True)
     assert not list(robot.expectations)
     assert not list(own.expectations)
 

@@ -285,10 +285,18 @@ def matches(pattern: str, name: str) -> bool:
 
 
 def _check_name(what: str, name: object) -> None:
-    if not isinstance(name, str) or not name:
+    if not isinstance(name, str) or not name or not _has_utf8(name):
         raise InvalidArgument(
             f"{what} is {shown(name)}; give a name, which may contain *", value=name
         )
+
+
+def _has_utf8(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _quantity(name: str, value: object, units: Mapping[str, float]) -> float:
