@@ -61,8 +61,8 @@ def test_edges_of_a_snapshot_are_the_snapshots(robot: tfdb.Buffer) -> None:
 
 
 def test_span(robot: tfdb.Buffer) -> None:
-    assert span(robot.tree()) == (1000 * MS, 4000 * MS)
-    assert span([]) is None
+    assert span(robot.tree()) == robot._span() == (1000 * MS, 4000 * MS)
+    assert span([]) is tfdb.Buffer()._span() is None
 
 
 def test_forest(robot: tfdb.Buffer) -> None:

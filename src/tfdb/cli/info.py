@@ -9,7 +9,7 @@ import click
 from tfdb.data.counting import counted
 from tfdb.data.path_checks import check_path
 from tfdb.data.time_text import format_dates, format_duration, format_ns
-from tfdb.store.summary import EdgeSummary, Forest, edge_summaries, span
+from tfdb.store.summary import EdgeSummary, Forest, edge_summaries
 
 from . import common, layout, output
 from .graph import listen_option
@@ -49,7 +49,7 @@ def command(*, files: tuple[str, ...], as_json: bool) -> None:
 
 
 def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
-    whole = span(loaded.store.tree())
+    whole = loaded.span
     report = loaded.report
     return {
         "files": list(loaded.names),
@@ -117,7 +117,7 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
     out = layout.console()
     report = loaded.report
     infos = loaded.store.tree()
-    whole = span(infos)
+    whole = loaded.span
     out.print(layout.wrap(layout.words(", ".join(loaded.names), *loaded.names)), style="bold")
     if whole is not None:
         text = f"{format_ns(whole[0])} to {format_ns(whole[1])}"

@@ -17,7 +17,6 @@ import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
 from tfdb.player.controls import CONTROLS, KEYS, obey
-from tfdb.store.summary import span
 
 from . import common, layout, output
 from .filling import history_option, into_option, open_store
@@ -126,7 +125,7 @@ def command(
             rewriter.warn(", ".join(names), 2)
         finally:
             told = player.tally.report(tuple(names), 0, rewriter, empty=True)
-            newest = span(store.tree())
+            newest = store._span()
             body = _body(player, told, None if newest is None else newest[1], began)
             if as_json:
                 output.emit_json("play", {"files": names, "store": name, **body})

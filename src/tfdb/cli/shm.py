@@ -13,7 +13,6 @@ import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_dates, format_duration, format_ns
 from tfdb.store.shared import find_stores, path_of
-from tfdb.store.summary import span
 
 from . import common, layout, output
 from .graph import STORE
@@ -151,7 +150,7 @@ def describe(*, name: str, as_json: bool) -> None:
     """
     store = common.open_live(name)
     body = {"name": name.removeprefix(STORE), **_body(store)}
-    covered = span(store.tree())
+    covered = store._span()
     body["start_ns"], body["end_ns"] = covered or (None, None)
     if as_json:
         output.emit_json("shm info", body)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import duration_to_nanoseconds
 from tfdb.data.argument_checks import check_flag, refuse_without
+from tfdb.data.closable import Closable
 from tfdb.data.errors import (
     CorruptMessage,
     FeedLapped,
@@ -24,8 +25,8 @@ from .messages import NONE, Head, message_of
 from .sending import Sender, epoch_for
 
 if TYPE_CHECKING:
-    from types import TracebackType
-    from typing import Literal, Self
+    from collections.abc import Iterator
+    from typing import Literal
 
     from tfdb._core import Buffer, Watch
     from tfdb.data.types import Epoch
@@ -59,7 +60,7 @@ class HomeStats(NamedTuple):
     """Commits that mirrors learn by a state: they came faster than they are sent."""
 
 
-class Home:
+class Home(Closable):
     """A namespace's home: the one store whose commits the mirrors apply. `publish` makes it.
 
     Use it in a `with` block, or call `close`.
@@ -156,17 +157,6 @@ class Home:
         self._log.close()
         if self._owned is not None:
             self._owned.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # -- its thread --------------------------------------------------------------------------------
 
@@ -338,15 +328,10 @@ def publish(
     delay = duration_to_nanoseconds(max_delay, "max_delay") / 1e9
     take_over = check_flag("take_over", take_over)
     buffer.commits_bytes(buffer.commit)  # refuses an engine without a feed
-    link, owned = open_link(session)
-    try:
+    with link_of(session) as (link, owned):
         seen = _seen(link, name, take_over=take_over)
         epoch = epoch_for(buffer, name, seen)
         return Home(buffer, name, link, epoch, max_delay=delay, owned=owned)
-    except BaseException:
-        if owned is not None:
-            owned.close()
-        raise
 
 
 def _seen(link: Link, name: str, *, take_over: bool) -> list[Epoch]:
@@ -360,13 +345,22 @@ def _seen(link: Link, name: str, *, take_over: bool) -> list[Epoch]:
     return [each.epoch for each in tokens]
 
 
-def open_link(session: Session | None) -> tuple[Link, Link | None]:
-    """Return the link of a session, or of a new one, and what is to be closed of it."""
+@contextmanager
+def link_of(session: Session | None) -> Iterator[tuple[Link, Link | None]]:
+    """Give the link of a session, or a new one, and what its user must close of it.
+
+    An error in the block closes a new one.
+    """
     from .session import Session  # noqa: PLC0415 - Zenoh is an extra
 
     if session is None:
         made = Session().link
-        return made, made
+        try:
+            yield made, made
+        except BaseException:
+            made.close()
+            raise
+        return
     if not isinstance(session, Session):
         raise TypeError(f"session is a tfdb.net.Session, got {type(session).__name__}")
-    return session.link, None
+    yield session.link, None

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import duration_to_nanoseconds
 from tfdb.data.argument_checks import check_flag, check_name, refuse_without
+from tfdb.data.closable import Closable
 from tfdb.data.errors import InvalidArgument, WaitTimeout
 
 from .events import EventLog, NetEvents
-from .home import Home, open_link
+from .home import Home, link_of
 from .link import Token, check_network_name
 from .messages import NONE
 from .receiving import Receiver
@@ -20,8 +21,7 @@ from .sending import epoch_after
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-    from types import TracebackType
-    from typing import Literal, Self
+    from typing import Literal
 
     from tfdb._core import Buffer
     from tfdb.data.types import Epoch, Position
@@ -54,7 +54,7 @@ class MirrorStats(NamedTuple):
     """Bytes of all messages."""
 
 
-class Mirror:
+class Mirror(Closable):
     """A copy of a namespace's home. `mirror` makes it.
 
     Use it in a `with` block, or call `close`. The store can be read at any time: each state of it
@@ -257,17 +257,6 @@ class Mirror:
         with self._changed:
             self._changed.notify_all()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     # -- threads of the link -----------------------------------------------------------------------
 
     def _hear(self, data: bytes) -> None:
@@ -421,10 +410,5 @@ def mirror(
     name = check_network_name(name)
     prefix = check_name("prefix", prefix)
     names = [shared] if isinstance(shared, str) else list(shared)
-    link, owned = open_link(session)
-    try:
+    with link_of(session) as (link, owned):
         return Mirror(into, name, link, prefix=prefix, shared=names, owned=owned)
-    except BaseException:
-        if owned is not None:
-            owned.close()
-        raise

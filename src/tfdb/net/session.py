@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from tfdb.data.closable import Closable
 from tfdb.data.errors import InvalidArgument, NotSupported
 from tfdb.data.path_checks import check_path
 from tfdb.data.stamps import shown
@@ -13,15 +14,13 @@ from tfdb.data.stamps import shown
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterable
-    from types import TracebackType
-    from typing import Self
 
     from .link import Link
 
 _ROUTER = "tcp/127.0.0.1:7447"
 
 
-class Session:
+class Session(Closable):
     """A connection to other machines by Zenoh, for any number of homes and mirrors.
 
     It opens two sessions of Zenoh: one for data, one that follows who is alive. It is a context
@@ -92,17 +91,6 @@ class Session:
         if not self._is_closed:
             self._is_closed = True
             self._link.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<tfdb.net.Session at {self._where}>"

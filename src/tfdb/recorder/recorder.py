@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import duration_to_nanoseconds, messages_of_commits
 from tfdb.data.argument_checks import check_count, check_flag, refuse_without, unknown_ending
+from tfdb.data.closable import Closable
 from tfdb.data.counting import counted
 from tfdb.data.errors import (
     FeedLapped,
@@ -33,8 +34,6 @@ from .chosen_names import ChosenNames
 if TYPE_CHECKING:
     import pathlib
     from collections.abc import Iterable, Mapping
-    from types import TracebackType
-    from typing import Self
 
     from tfdb._core import Buffer, Snapshot
 
@@ -62,7 +61,7 @@ class _Item(NamedTuple):
     """How many commits before a state were not recorded."""
 
 
-class Recorder:
+class Recorder(Closable):
     """Records the commits of a buffer into an MCAP file, until it is closed.
 
     Use it in a `with` block, or call `close`. Each commit is one TFMessage on `/tf`, or one on each
@@ -248,17 +247,6 @@ class Recorder:
         if unseen := self._names.unseen():
             text = f"no frame was called {first_few(unseen)}, which the options name"
             warnings.warn(text, TfdbWarning, stacklevel=4)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # -- the thread that reads ---------------------------------------------------------------------
 

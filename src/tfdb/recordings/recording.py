@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
+from tfdb.data.closable import Closable
 from tfdb.data.errors import RecordingError
 from tfdb.data.path_checks import check_path
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
-    from typing import Self
 
     from tfdb._core import Recorded
     from tfdb.data.decimal_time import Unit
@@ -70,7 +70,7 @@ class Run:
         return self.messages[self.last - 1][0]
 
 
-class Recording:
+class Recording(Closable):
     """One open recording: a file or a ROS 2 bag folder. Not for several threads at once.
 
     Parameters
@@ -106,12 +106,6 @@ class Recording:
             self._container = open_trajectory(self.path, salvage=salvage, stamp_unit=stamp_unit)
         else:
             self._container = _OPENERS[kind](self.path, salvage=salvage)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     @property
     def topics(self) -> tuple[Topic, ...]:

@@ -7,8 +7,9 @@ import os
 import struct
 import threading
 import time
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
+from tfdb.data.closable import Closable
 from tfdb.data.errors import CorruptMessage, InvalidArgument, MasterRefused, NodeClosed, NoMaster
 
 from .loop import LOG, Loop
@@ -21,7 +22,6 @@ from .tcpros_subscription import OnMessage, SubscribedTopic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
-    from types import TracebackType
 
     from .node import Encoding, Flavor, Publisher, Service, Subscription
 
@@ -33,7 +33,7 @@ SECOND = 1_000_000_000
 LAST_CALLBACKS_SECONDS = 1.0
 
 
-class TcprosNode:
+class TcprosNode(Closable):
     """A node of ROS 1: topics, services and a clock, over XML-RPC and TCPROS.
 
     Threads: any may call anything. Each publisher of a topic is received in a thread of its own,
@@ -93,17 +93,6 @@ class TcprosNode:
         atexit.register(self.close)
         if self._simulated:
             self._take_clock()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         state = f", closed ({self._end})" if self._end else ""

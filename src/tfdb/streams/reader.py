@@ -7,10 +7,10 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from tfdb._core import duration_to_nanoseconds
+from tfdb.data.closable import Closable
 from tfdb.data.errors import StreamClosed
 
 if TYPE_CHECKING:
-    from types import TracebackType
     from typing import Self
 
 __all__: list[str] = []
@@ -18,7 +18,7 @@ __all__: list[str] = []
 Item = TypeVar("Item")
 
 
-class Reader(ABC, Generic[Item]):
+class Reader(Closable, ABC, Generic[Item]):
     """Gives items one after the other, by `for` and `async for`; a context manager."""
 
     @abstractmethod
@@ -47,17 +47,6 @@ class Reader(ABC, Generic[Item]):
 
     def __aiter__(self) -> Self:
         return self
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def deadline(timeout: float | None) -> float | None:

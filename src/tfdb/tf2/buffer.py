@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 from time import monotonic_ns
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from tfdb import _core
 from tfdb._core import BufferCalls
 from tfdb.data import errors
 from tfdb.data.argument_checks import refuse_without
+from tfdb.data.closable import Closable
 from tfdb.ros import node_for
 from tfdb.ros.choose_node import in_rospy
 from tfdb.ros.times import SECOND, duration, flavor_of
@@ -43,7 +44,7 @@ __all__ = ["Buffer"]
 NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
 
 
-class Buffer(BufferCalls, BufferCore, BufferInterface):
+class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     """A store of transforms with the calls of `tf2_ros.Buffer`.
 
     Any number of threads may use it at once. Any thread may fill the buffer, without a dedicated
@@ -298,12 +299,6 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         if self._service is not None:
             self._service.close()
         self.buffer.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     # How all of them wait
 

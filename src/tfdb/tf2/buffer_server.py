@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from tfdb.data.argument_checks import refuse_without
+from tfdb.data.closable import Closable
 from tfdb.data.errors import TfdbError
 from tfdb.ros import msgs, node_for
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["BufferServer"]
 
 
-class BufferServer:
+class BufferServer(Closable):
     """Answers the goals of `BufferClient`s, ours and tf2's, from a buffer.
 
     A goal with an available transform is answered at once. Another goal waits up to its timeout for
@@ -85,12 +86,6 @@ class BufferServer:
             future.cancel()
         if self._started:
             self._transport.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _begin(self, goal: Goal) -> None:
         """Answer a goal, now or once its transform is there."""

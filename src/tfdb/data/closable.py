@@ -1,0 +1,26 @@
+"""The class Closable: `with` closes it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from typing import Self
+
+__all__: list[str] = []
+
+
+class _WithClose(Protocol):
+    def close(self) -> None: ...
+
+
+class Closable:
+    """Base of classes with `close()`: each is a context manager that closes itself at its end."""
+
+    __slots__ = ()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self: _WithClose, *_: object) -> None:
+        self.close()
