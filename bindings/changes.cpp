@@ -106,13 +106,6 @@ nb::list changes(nb::handle self, nb::handle since, nb::handle limit, nb::handle
     return result;
 }
 
-bool tree_changed(BufferObject& self, nb::handle since, nb::handle until) {
-    const CommitNumber from = count_of(since, "since", 0, kMaxCommit);
-    const CommitNumber to = count_of(until, "until", 0, kMaxCommit);
-    const LongWork work(true);
-    return self.open_store().tree_changed(from, to);
-}
-
 constexpr const char* kChangesDoc =
     R"(Return the changes of each commit after `since`, in order.
 
@@ -163,10 +156,6 @@ void bind_changes(nb::class_<BufferObject, ReadsObject>& type) {
                      "frames: str | collections.abc.Iterable[str] | None = None) -> "
                      "list[tfdb.types.Changes]"),
              kChangesDoc);
-    type.def("_tree_changed", &tree_changed, nb::arg("since"), nb::arg("until"),
-             nb::sig("def _tree_changed(self, since: int, until: int) -> bool"),
-             "Whether a commit after `since`, up to `until`, made, moved, cleared or removed a "
-             "frame, or stored a static transform; True where that is no longer known.");
 }
 
 }  // namespace tfdb::python

@@ -901,11 +901,6 @@ class NativeBuffer(Reads):
             This thread has a transaction open in the store.
         """
 
-    def _tree_changed(self, since: int, until: int) -> bool:
-        """
-        Whether a commit after `since`, up to `until`, made, moved, cleared or removed a frame, or stored a static transform; True where that is no longer known.
-        """
-
     def commits_bytes(self, since: int, *, max_commits: int = 64, max_bytes: int = 1048576, frames: str | Iterable[str] | None = None) -> bytes:
         """
         Return the commits after `since` as bytes, for `apply` of another buffer.

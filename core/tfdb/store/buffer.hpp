@@ -515,11 +515,6 @@ public:
         std::optional<std::span<const std::string_view>> only = std::nullopt) const;
     static constexpr std::size_t kNoLimit = ~std::size_t{0};
 
-    /// Whether a commit after `since`, up to `until`, made, moved, cleared or removed a frame, or
-    /// stored a static transform. True as well where that is no longer known. Throws
-    /// InvalidArgument for a future commit, and NotSupported as `changes`.
-    [[nodiscard]] bool tree_changed(CommitNumber since, CommitNumber until) const;
-
     /// The first commits after `since` as a sample for `apply`; empty if there is none. `only`: as
     /// in `changes`. Throws FeedLapped, InvalidArgument, TransactionActive, NotSupported as
     /// `changes`, and Gone where a sample of these commits is no longer kept: never while a

@@ -226,26 +226,4 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit,
     return all;
 }
 
-bool Buffer::tree_changed(CommitNumber since, CommitNumber until) const {
-    using txn::FeedNote;
-    const CommitNumber newest = store_->committed();
-    if (until > newest)
-        store::throw_future_commit(until, newest);
-    if (!store::has_feed(*store_) || since >= until)
-        return false;
-    store::FeedNotes notes;
-    if (!notes.read(*store_, since + 1, until))
-        return true;
-    const StoreView view = store_->view(newest);
-    bool changed = false;
-    for (CommitNumber commit = since + 1; commit <= until && !changed; ++commit) {
-        notes.for_each(commit, [&](std::uint64_t note, const std::string&) {
-            StoreEdge edge;
-            changed = changed || FeedNote::what(note) != 0 ||
-                      !view.open(FeedNote::id(note), edge) || edge.is_static();
-        });
-    }
-    return changed;
-}
-
 }  // namespace tfdb

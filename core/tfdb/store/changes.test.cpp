@@ -2,7 +2,6 @@
 #include <atomic>
 #include <random>
 #include <thread>
-#include <utility>
 
 #include "tfdb/store/transaction_fixture.test.hpp"
 
@@ -142,49 +141,6 @@ TFDB_TEST(changes_tell_what_a_commit_did) {
     CHECK_EQ(buffer.changes(0).size(), std::size_t{5});
     const auto two = buffer.changes(1, 2);
     CHECK(two.size() == 2 && two[0].commit == 2 && two[1].commit == 3);
-}
-
-TFDB_TEST(changes_of_the_tree_are_told_from_samples_of_moving_edges) {
-    if (skipped())
-        return;
-    Buffer buffer(defaults());
-    CommitNumber seen = 0;
-    const auto changed = [&] {
-        const CommitNumber newest = buffer.commit();
-        return buffer.tree_changed(std::exchange(seen, newest), newest);
-    };
-    CHECK(!changed());
-    set(buffer, "map", "odom", 10, pose_of(1));
-    set(buffer, "odom", "base", 10, pose_of(1));
-    CHECK(changed());
-    for (const StampNs stamp : {StampNs{20}, StampNs{30}, StampNs{15}}) {
-        set(buffer, "map", "odom", stamp, pose_of(2));
-        set(buffer, "odom", "base", stamp, pose_of(2));
-    }
-    CHECK(!changed());
-    CHECK(buffer.tree_changed(1, seen) && !buffer.tree_changed(2, seen));
-    CHECK(!buffer.tree_changed(seen, 0));
-    set(buffer, "map", "base", 12, pose_of(3));  // an older parent: the newest is as before
-    CHECK(!changed());
-    set(buffer, "map", "base", 40, pose_of(3));
-    CHECK(changed());
-    set_static(buffer, "base", "camera", pose_of(4));
-    CHECK(changed());
-    set(buffer, "map", "base", 50, pose_of(3));
-    CHECK(!changed());
-    set_static(buffer, "base", "camera", pose_of(5));
-    CHECK(changed());
-    buffer.set_transform({"base", "camera", 60, pose_of(4)}, false, "", {.change_kind = true});
-    CHECK(changed());
-    buffer.clear();
-    CHECK(changed());
-    buffer.remove_frame("camera", false);
-    CHECK(changed());
-    THROWN(InvalidArgument, buffer.tree_changed(0, seen + 1));
-    for (int i = 0; i < 40'000; ++i)
-        set(buffer, "map", "odom", 100 + i, pose_of(1));
-    CHECK(buffer.tree_changed(seen, buffer.commit()));  // the feed is not that long
-    CHECK(!buffer.tree_changed(buffer.commit() - 100, buffer.commit()));
 }
 
 TFDB_TEST(changes_count_what_is_gone_and_keep_names) {
