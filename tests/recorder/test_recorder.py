@@ -316,6 +316,26 @@ def test_a_time_splits_files(tmp_path: Path) -> None:
     assert applied(list(recorder.files)).frame_info("base").newest == stamp
 
 
+def test_a_recorder_that_only_loses_commits_splits_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lapped(*_: object, **__: object) -> bytes:
+        raise errors.FeedLapped("the feed went on", oldest=1)
+
+    buf = tfdb.Buffer()
+    monkeypatch.setattr(tfdb.Buffer, "commits_bytes", lapped)
+    recorder = tfdb.Recorder(buf, tmp_path / "a.mcap", split_time=1e-6)
+    stamp = 0
+    while len(recorder.files) < 3:
+        stamp += 1
+        buf.set_transform("map", "base", stamp, *STILL)
+        recorder.flush()
+    with pytest.warns(tfdb.TfdbWarning, match="were lost"):
+        recorder.close()
+    assert recorder.commits == 0
+    assert recorder.lost == stamp
+
+
 def test_a_name_that_exists_is_refused(tmp_path: Path) -> None:
     buf = tfdb.Buffer()
     path = tmp_path / "drive.mcap"

@@ -400,9 +400,10 @@ class Recorder(Closable):
             self._file.flush()
         else:
             self._commits += len(item.messages)
-            if not self._splits and self._is_full(item.time):
-                self._splits = True
-                self._wants_state.set()
+        is_asked_for = item.is_state and not item.lost  # it begins a file
+        if not is_asked_for and not self._splits and self._is_full(item.time):
+            self._splits = True
+            self._wants_state.set()
 
     def _is_full(self, now: int) -> bool:
         begun = self._file.begun
