@@ -1,6 +1,7 @@
 """Run clang-tidy on our files in a build folder's compile commands, several at a time.
 
-Without `--all` on the library alone, and without the analyser: in a fifth of the time.
+Without `--all` on the library alone, without the analyser, and on all files of a room at once:
+headers are read once, in a tenth of the time. Checks of a main file alone then wait for `--all`.
 """
 
 from __future__ import annotations
@@ -8,9 +9,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from itertools import groupby
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -21,14 +24,31 @@ def is_program(source: Path) -> bool:
     return "." in source.stem
 
 
-def tidy(build: Path, source: Path, analyse: bool) -> tuple[Path, int, str]:
+def join_rooms(commands: dict[Path, list[str]], folder: Path) -> list[Path]:
+    """Write a file for each room and way to compile it, with compile commands; return the files."""
+
+    def kind(source: Path) -> tuple[Path, list[str]]:
+        return source.parent, commands[source]
+
+    folder.mkdir(exist_ok=True)
+    found: list[Path] = []
+    entries = []
+    for (room, options), sources in groupby(sorted(commands, key=kind), kind):
+        joined = folder / f"{room.name}{len(found)}.cpp"
+        joined.write_text("".join(f'#include "{each}"\n' for each in sources), encoding="utf-8")
+        arguments = [*options, "-c", str(joined)]
+        entries.append({"directory": str(folder), "file": str(joined), "arguments": arguments})
+        found.append(joined)
+    (folder / "compile_commands.json").write_text(json.dumps(entries), encoding="utf-8")
+    return found
+
+
+def tidy(build: Path, source: Path, checks: str) -> tuple[Path, int, str]:
     """Return the file, clang-tidy's exit status and what it said."""
-    command = ["clang-tidy", "-quiet", "-p", str(build)]
+    command = ["clang-tidy", "-quiet", "-p", str(build), f"--checks={checks}"]
     # The compiler's warnings are the compiler's: clang does not know all of gcc's, nor may it fail
     # on its own.
     command += ["--extra-arg=-Wno-unknown-warning-option", "--extra-arg=-Wno-error"]
-    if not analyse:
-        command.append("--checks=-clang-analyzer-*")
     done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
     return source, done.returncode, done.stdout
 
@@ -40,25 +60,36 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="every file, the library's analysed")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 2)
     arguments = parser.parse_args()
-    commands = json.loads((arguments.build / "compile_commands.json").read_text(encoding="utf-8"))
-    sources = sorted({Path(entry["file"]) for entry in commands})
-    ours = [
-        path
-        for path in sources
-        if path.is_relative_to(ROOT / "core") and (arguments.all or not is_program(path))
-    ]
+    build = arguments.build.resolve()
+    ours = {
+        Path(entry["file"]): options_of(entry)
+        for entry in json.loads((build / "compile_commands.json").read_text(encoding="utf-8"))
+        if Path(entry["file"]).is_relative_to(ROOT / "core")
+    }
+    library = {path: options for path, options in ours.items() if not is_program(path)}
+    # The analyser walks the paths of what ships; tests and their kin are run.
+    rest = "-clang-analyzer-*"
+    runs = [(build, each, "" if each in library else rest) for each in ours]
+    if not arguments.all:
+        folder = build / "tidy"
+        rest += ",-bugprone-suspicious-include"
+        runs = [(folder, each, rest) for each in join_rooms(library, folder)]
     bad = 0
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        # The analyser walks the paths of what ships; tests and their kin are run.
-        runs = pool.map(
-            lambda path: tidy(arguments.build, path, arguments.all and not is_program(path)), ours
-        )
-        for source, status, text in runs:
+        for source, status, text in pool.map(lambda run: tidy(*run), runs):
             if status:
                 bad += 1
                 print(f"{source.relative_to(ROOT)}\n{text}")
-    print(f"clang-tidy: {len(ours)} files, {bad} with findings")
+    print(f"clang-tidy: {len(ours if arguments.all else library)} files, {bad} runs with findings")
     return 1 if bad else 0
+
+
+def options_of(entry: dict[str, str]) -> list[str]:
+    """Return a compile command without its file and what it writes."""
+    words = shlex.split(entry["command"])
+    at = words.index("-o")
+    del words[at : at + 2]
+    return [each for each in words if each not in ("-c", entry["file"])]
 
 
 if __name__ == "__main__":
