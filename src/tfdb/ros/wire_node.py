@@ -8,8 +8,9 @@ import threading
 import time
 import weakref
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol
 
+from tfdb.data.closable import Closable
 from tfdb.data.errors import CorruptMessage, InvalidArgument, NodeClosed, NotSupported
 
 from .loop import LOG
@@ -17,7 +18,6 @@ from .ros2_names import kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     from .node import Encoding, Flavor, Publisher, Service, Subscription
     from .ros2_names import Kind, Ros2Names
@@ -67,7 +67,7 @@ class Link(Protocol):
         """Close it, with its endpoints."""
 
 
-class WireNode:
+class WireNode(Closable):
     """A node of ROS 2 over a `Link`.
 
     Threads: any may call anything. A topic's callback is called by a thread of its subscription: a
@@ -91,17 +91,6 @@ class WireNode:
         _OPEN.add(self)
         if self._simulated:
             self.subscribe(CLOCK, CLOCK_KIND, self._take_clock, depth=1)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}{', closed' if self._ended else ''}>"
