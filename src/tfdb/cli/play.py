@@ -20,7 +20,7 @@ from tfdb.player.controls import CONTROLS, KEYS, obey
 
 from . import common, layout, output
 from .filling import history_option, into_option, open_store
-from .graph import STORE
+from .graph import STORE, open_graph
 from .groups import SuggestingCommand
 from .selecting import selection_options
 from .times import NS
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from tfdb.player.player import Player
     from tfdb.recordings.load_report import LoadReport
     from tfdb.recordings.rewriter import Rewriter
+    from tfdb.ros.node import Node
 
 _KEYS_HELP = (
     "space: pause, right and left: a commit forth and back, up and down: speed, 1 to 9: that "
@@ -71,6 +72,20 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
     is_flag=True,
     help=f"Read controls from standard input, one a line: {', '.join(CONTROLS)}.",
 )
+@click.option(
+    "--clock",
+    "graph",
+    metavar="GRAPH",
+    help="Publish the store's clock on /clock of a graph: ros1:, ros2: or ros2+zenoh:.",
+)
+@click.option(
+    "--clock-rate",
+    type=click.FloatRange(min=0, min_open=True, max=1000),
+    default=40.0,
+    show_default=True,
+    metavar="HZ",
+    help="Messages a second of --clock.",
+)
 @history_option
 @selection_options
 @common.json_option
@@ -83,6 +98,8 @@ def command(
     keep_stamps: bool,
     paused: bool,
     control: bool,
+    graph: str | None,
+    clock_rate: float,
     history: int | None,
     as_json: bool,
 ) -> None:
@@ -97,15 +114,21 @@ def command(
     Keys in a terminal: space pauses. Right and left play a commit or take one back. Up and down
     change the speed, 1 to 9 set it. [ and ] jump 5 s. r plays backwards, q quits.
 
+    ROS nodes with use_sim_time follow the player by --clock, for example --clock ros2: for the
+    domain of ROS_DOMAIN_ID.
+
     The store stays when the command ends. 'tfdb shm rm NAME' removes it.
     """
+    if graph is not None and math.isinf(speed):
+        raise click.UsageError("--clock needs a finite --speed: inf sets no clock")
     from tfdb.player.player import Player  # noqa: PLC0415 - reads recordings
     from tfdb.player.tape import tape_of  # noqa: PLC0415
 
     paths = common.find_paths(files)
     name = into.removeprefix(STORE)
     names = [str(path) for path in paths]
-    with common.open_selected(paths) as recordings:
+    in_graph = nullcontext((None, None)) if graph is None else open_graph(graph)
+    with common.open_selected(paths) as recordings, in_graph as (node, _):
         tape, rewriter = tape_of(recordings)
         store = open_store(name, history)  # after what may be refused
         player = Player(store, tape, speed=speed, loop=loop, keep_stamps=keep_stamps, paused=paused)
@@ -119,7 +142,10 @@ def command(
                 output.say(layout.wrap(layout.words(_KEYS_HELP)))
         began = time.monotonic()
         try:
-            with _controlled(player, keys=keys, lines=control):
+            with (
+                _published(store.clock, node, clock_rate),
+                _controlled(player, keys=keys, lines=control),
+            ):
                 player.run()
             _check_played(player, rewriter, recordings.names)
             rewriter.warn(", ".join(names), 2)
@@ -166,6 +192,18 @@ def _describe(player: Player, told: LoadReport, began: float) -> str:
         error, first = next(iter(told.first_refusals.items()))
         text += f"; {counts}, the first: {error}: {first}"
     return text
+
+
+@contextmanager
+def _published(clock: tfdb.Clock, node: Node | None, rate: float) -> Iterator[None]:
+    """Publish a clock by a node meanwhile."""
+    if node is None:
+        yield
+        return
+    from tfdb.ros.clock_publishing import ClockPublisher  # noqa: PLC0415 - only for live graphs
+
+    with ClockPublisher(node, clock, rate):
+        yield
 
 
 @contextmanager

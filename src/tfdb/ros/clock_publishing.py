@@ -1,0 +1,74 @@
+"""The clock of a store on /clock of a graph."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from typing import TYPE_CHECKING
+
+from tfdb.data.closable import Closable
+from tfdb.data.decimal_time import NS_PER_SECOND
+from tfdb.data.errors import NodeClosed
+
+from .loop import LOG
+
+if TYPE_CHECKING:
+    from tfdb import Clock
+
+    from .node import Node
+
+__all__ = ["ClockPublisher", "encode_clock"]
+
+_CDR = b"\0\1\0\0"
+_SECONDS = 1 << 31  # of ROS 2
+
+
+def encode_clock(stamp: int, *, cdr: bool) -> bytes:
+    """Return the bytes of a rosgraph_msgs/Clock; `cdr`: for ROS 2, with the header.
+
+    Stamps are between 0 and 2**31 seconds.
+    """
+    return (_CDR if cdr else b"") + struct.pack("<II", *divmod(stamp, NS_PER_SECOND))
+
+
+class ClockPublisher(Closable):
+    """Publishes a store's clock on /clock while a player sets it. Use it in a `with` block.
+
+    A clock before 1970 or after 2038 is not published: ROS 2 has no such times.
+
+    Parameters
+    ----------
+    node
+        A node of the graph.
+    clock
+        The store's clock.
+    rate
+        Messages a second.
+    """
+
+    def __init__(self, node: Node, clock: Clock, rate: float) -> None:
+        self._clock, self._pause = clock, 1 / rate
+        self._is_cdr = node.encoding == "cdr"
+        self._publisher = node.advertise("/clock", "rosgraph_msgs/Clock", depth=1)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="tfdb clock", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it. A second call does nothing."""
+        self._ended.set()
+        self._thread.join()
+        self._publisher.close()
+
+    def _run(self) -> None:
+        while not self._ended.wait(self._pause):
+            if self._clock.is_system:
+                continue
+            now = self._clock.now()
+            if not 0 <= now < _SECONDS * NS_PER_SECOND:
+                continue
+            try:
+                self._publisher.publish(encode_clock(now, cdr=self._is_cdr))
+            except NodeClosed as error:
+                LOG.warning("/clock stops: %s", error)
+                return
