@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from websockets.sync.client import connect
 
 import tfdb
 from compat.tf2_oracle import unavailable
@@ -213,6 +214,27 @@ def test_frames_of_a_graph_are_drawn(ros1: str, robot: Robot, tmp_path: Path) ->
     drawn = ("view-frames", "ros1:", "-o", path, "--overwrite")
     assert tfdb_hears(lambda told: told["frames"], *drawn)["frames"] == 2
     assert '"base" -> "camera" [label="/theirs\\nstatic"' in path.read_text(encoding="utf-8")
+
+
+def test_a_page_shows_a_graph(ros1: str, robot: Robot) -> None:
+    """Its frames, and who published them."""
+    with Command("view", "ros1:", "--port", "0", "--no-open", "--json") as viewing:
+        text = ""
+        while not text.endswith("}\n"):
+            text += viewing.line()
+        address = json.loads(text)["address"].partition("?")[0]
+        robot.is_heard()
+        robot.moves(2 * S)
+        names: set[str] = set()
+        facts = ""
+        with connect(address.replace("http:", "ws:") + "live", max_size=None) as viewer:
+            while names != {"map", "base", "camera"} or "/theirs" not in facts:
+                message = viewer.recv(timeout=SECONDS)
+                if isinstance(message, str):
+                    told = json.loads(message)
+                    names = set(told["names"]) if told["type"] == "tree" else names
+                    facts = message if told["type"] == "facts" else facts
+        assert viewing.end()[0] == 130
 
 
 def test_static_publisher(ros1: str, rospy_child: RospyChild) -> None:

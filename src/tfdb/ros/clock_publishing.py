@@ -13,7 +13,7 @@ from tfdb.data.errors import NodeClosed
 from .loop import LOG
 
 if TYPE_CHECKING:
-    from tfdb import Clock
+    from tfdb._core import Clock
 
     from .node import Node
 
