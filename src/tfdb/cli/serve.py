@@ -17,7 +17,7 @@ from tfdb.store.summary import span
 from . import common, layout, output
 from .filling import history_option, into_option, open_store
 from .graph import STORE, listening, node_option
-from .groups import SuggestingCommand, SuggestingGroup
+from .groups import OneOf, SuggestingCommand, SuggestingGroup
 from .play import command as play
 from .selecting import selected, selection_options
 from .times import NS
@@ -142,7 +142,7 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
 )
 @click.option(
     "--rmw",
-    type=click.Choice(["zenoh"]),
+    type=OneOf(["zenoh"]),
     help="Join a graph of rmw_zenoh without ROS.  [default: rclpy, where it is installed]",
 )
 @_serves_graph
