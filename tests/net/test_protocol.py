@@ -12,6 +12,7 @@ import tfdb
 from tests.net.world import SOURCE, BrokenPromiseError, World
 from tests.recorder.reading import state_of
 from tests.test_changes import pose
+from tfdb.data.errors import InvalidArgument
 from tfdb.data.types import Epoch
 from tfdb.net import messages, receiving, sending
 from tfdb.net.events import EventLog
@@ -386,6 +387,9 @@ def test_the_epoch_of_a_new_home() -> None:
         assert epoch_for(shared, SOURCE, [Epoch(3, bytes(16)), shared.epoch]) == shared.epoch
         later = Epoch(1 << 62, bytes(16))
         assert epoch_for(shared, SOURCE, [later]).number == later.number + 1
+        for number in ((1 << 63) - 1, 1 << 63):
+            with pytest.raises(InvalidArgument, match=f"no home can follow epoch {number}"):
+                epoch_for(shared, SOURCE, [Epoch(number, bytes(16))])
         shared.apply(private.commits_bytes(0), source=SOURCE)
         assert epoch_for(shared, "other", []) == shared.epoch
         assert epoch_for(shared, SOURCE, []) > shared.epoch, "it was a mirror: its log may fork"

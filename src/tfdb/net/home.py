@@ -317,7 +317,7 @@ def publish(
     InvalidName
         No namespace can have the name.
     InvalidArgument, TypeError
-        A value that a parameter does not take.
+        A value that a parameter does not take; no epoch is later than one that is announced.
     NotSupported
         PyPI's eclipse-zenoh is not installed, or the buffer's engine keeps no feed.
     ConnectionError

@@ -11,7 +11,7 @@ from tfdb.data.errors import FeedLapped, Gone, InvalidArgument
 from tfdb.data.sample_heads import numbers_of
 from tfdb.data.types import Epoch
 
-from .messages import LIMIT, NONE, Head, head_bytes, in_epoch, state_messages
+from .messages import LIMIT, MOST_NUMBER, NONE, Head, head_bytes, in_epoch, state_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -39,8 +39,13 @@ def epoch_for(buffer: Buffer, source: str, seen: Iterable[Epoch]) -> Epoch:
 
 
 def epoch_after(latest: Epoch) -> Epoch:
-    """Return an epoch that no home had, later than `latest`."""
-    return Epoch(max(time.time_ns(), latest.number + 1), os.urandom(16))
+    """Return an epoch that no home had, later than `latest`. Raises InvalidArgument: none is."""
+    number = max(time.time_ns(), latest.number + 1)
+    if number >= MOST_NUMBER:
+        text = f"no home can follow epoch {latest.number}, which a token or a position has: it is "
+        text += "the last one. Close what announces it, or use another name"
+        raise InvalidArgument(text, value=latest.number)
+    return Epoch(number, os.urandom(16))
 
 
 class Sender:
