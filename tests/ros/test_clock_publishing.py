@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import tfdb
 from ros.commands import Command, tfdb_says
-from tfdb.ros.clock_publishing import encode_clock
+from tfdb.ros.clock_messages import encode_clock
 from tfdb.ros.open_node import open_node
 from tfdb.store.shared import find_stores
 

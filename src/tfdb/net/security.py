@@ -35,7 +35,7 @@ def secure(
     listen: str | Iterable[str] = (),
     allow: Mapping[str, Access | Mapping[str, Access]] | None = None,
 ) -> dict[str, Any]:
-    """Make a configuration in which both ends of each connection prove who they are, by TLS.
+    """Make a configuration in which both ends of each connection prove their identity by TLS.
 
     `Session(config=)` takes it. Written as JSON, it is a file for `--config` and for `zenohd`.
 

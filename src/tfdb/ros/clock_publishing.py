@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ from tfdb.data.closable import Closable
 from tfdb.data.decimal_time import NS_PER_SECOND
 from tfdb.data.errors import NodeClosed
 
+from .clock_messages import CLOCK, CLOCK_KIND, encode_clock
 from .loop import LOG
 
 if TYPE_CHECKING:
@@ -17,18 +17,9 @@ if TYPE_CHECKING:
 
     from .node import Node
 
-__all__ = ["ClockPublisher", "encode_clock"]
+__all__ = ["ClockPublisher"]
 
-_CDR = b"\0\1\0\0"
 _SECONDS = 1 << 31  # of ROS 2
-
-
-def encode_clock(stamp: int, *, cdr: bool) -> bytes:
-    """Return the bytes of a rosgraph_msgs/Clock; `cdr`: for ROS 2, with the header.
-
-    Stamps are between 0 and 2**31 seconds.
-    """
-    return (_CDR if cdr else b"") + struct.pack("<II", *divmod(stamp, NS_PER_SECOND))
 
 
 class ClockPublisher(Closable):
@@ -49,7 +40,7 @@ class ClockPublisher(Closable):
     def __init__(self, node: Node, clock: Clock, rate: float) -> None:
         self._clock, self._pause = clock, 1 / rate
         self._is_cdr = node.encoding == "cdr"
-        self._publisher = node.advertise("/clock", "rosgraph_msgs/Clock", depth=1)
+        self._publisher = node.advertise(CLOCK, CLOCK_KIND, depth=1)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tfdb clock", daemon=True)
         self._thread.start()

@@ -11,13 +11,26 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, TypeAlias
 
+from tfdb.data.errors import CorruptMessage
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["LOG", "Loop"]
+__all__ = ["LOG", "Loop", "warn_of_message"]
 
 LOG = logging.getLogger("tfdb.ros")
 Ready: TypeAlias = "Callable[[int], None]"  # called with selectors.EVENT_READ and EVENT_WRITE
+
+
+def warn_of_message(topic: str, publisher: str, error: Exception) -> None:
+    """Log that a callback failed at a message; the caller does so once for each publisher."""
+    LOG.warning(
+        "a message of %s on %s: %s; said once for each publisher",
+        publisher,
+        topic,
+        error,
+        exc_info=not isinstance(error, CorruptMessage),
+    )
 
 
 class Loop:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import rospy
 from rospy.impl.tcpros_base import DEFAULT_BUFF_SIZE
 
-from tfdb.data.errors import CorruptMessage, InvalidArgument, NodeClosed, NotSupported
+from tfdb.data.errors import InvalidArgument, NodeClosed, NotSupported
 
-from .loop import LOG
+from .clock_messages import CLOCK, CLOCK_KIND
+from .loop import LOG, warn_of_message
 from .message_kinds import known_kind, service_kind
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ __all__ = ["RospyNode"]
 
 _AnyEntity = TypeVar("_AnyEntity", bound="_NodeEntity")
 
-CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
 AT_ONCE = max(1 << 20, DEFAULT_BUFF_SIZE)  # bytes that are received in one call
 
 
@@ -95,13 +95,7 @@ class RospyNode:
             except Exception as error:
                 if publisher not in failed:
                     failed.add(publisher)
-                    LOG.warning(
-                        "a message of %s on %s: %s; said once for each publisher",
-                        publisher,
-                        topic,
-                        error,
-                        exc_info=not isinstance(error, CorruptMessage),
-                    )
+                    warn_of_message(topic, publisher, error)
 
         self._check_open()
         made = rospy.Subscriber(topic, raw_class(kind), called, buff_size=AT_ONCE, tcp_nodelay=True)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import atexit
 import os
-import struct
 import threading
 import time
 from typing import TYPE_CHECKING, Any
 
 from tfdb.data.closable import Closable
-from tfdb.data.errors import CorruptMessage, InvalidArgument, MasterRefused, NodeClosed, NoMaster
+from tfdb.data.errors import InvalidArgument, MasterRefused, NodeClosed, NoMaster
 
+from .clock_messages import CLOCK, CLOCK_KIND, decode_clock
 from .loop import LOG, Loop
 from .master import Master
 from .message_kinds import Kind, kind_of, known_kind, service_kind
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["TcprosNode"]
 
-CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
-TIME = struct.Struct("<II")
-SECOND = 1_000_000_000
 LAST_CALLBACKS_SECONDS = 1.0
 
 
@@ -283,7 +280,7 @@ class TcprosNode(Closable):
 
     def _take_clock(self) -> None:
         def take(data: bytes | memoryview, _: str) -> None:
-            self._now = _nanoseconds(data)
+            self._now = decode_clock(data, cdr=False)
             self._tell_clock()
 
         try:
@@ -499,14 +496,3 @@ def _check_same(topic: str, there: Kind, wanted: Kind) -> None:
             f"{topic} is open in this node as {there.name}, and {wanted.name} is another type",
             value=wanted.name,
         )
-
-
-def _nanoseconds(data: bytes | memoryview) -> int:
-    """Time of a rosgraph_msgs/Clock."""
-    if len(data) != TIME.size:
-        raise CorruptMessage(
-            f"a {CLOCK_KIND} of {len(data)} bytes; it has {TIME.size}", offset=0, reason="length"
-        )
-    seconds, nanoseconds = TIME.unpack(data)
-    found: int = seconds * SECOND + nanoseconds
-    return found

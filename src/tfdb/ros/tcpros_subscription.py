@@ -9,9 +9,9 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from tfdb.data.errors import CorruptMessage, TfdbError
+from tfdb.data.errors import TfdbError
 
-from .loop import LOG
+from .loop import LOG, warn_of_message
 from .master import CALL_ERRORS, TIMEOUT, call
 from .tcpros import MESSAGE_LIMIT, Frames, encode_header, receive_header
 
@@ -253,10 +253,4 @@ class SubscribedTopic:
         if told or len(self._failed) >= 1000:
             return
         self._failed.add((callback, publisher))
-        LOG.warning(
-            "a message of %s on %s: %s; said once for each publisher",
-            publisher,
-            self.name,
-            error,
-            exc_info=not isinstance(error, CorruptMessage),
-        )
+        warn_of_message(self.name, publisher, error)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import struct
 import threading
 import time
 import weakref
@@ -11,9 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from tfdb.data.closable import Closable
-from tfdb.data.errors import CorruptMessage, InvalidArgument, NodeClosed, NotSupported
+from tfdb.data.errors import InvalidArgument, NodeClosed, NotSupported
 
-from .loop import LOG
+from .clock_messages import CLOCK, CLOCK_KIND, decode_clock
+from .loop import LOG, warn_of_message
 from .ros2_names import kind_of
 
 if TYPE_CHECKING:
@@ -23,11 +23,6 @@ if TYPE_CHECKING:
     from .ros2_names import Kind, Ros2Names
 
 __all__ = ["Link", "Topic", "WireNode"]
-
-CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
-_TIME = struct.Struct("<iI")
-_HEADER = 4  # bytes of CDR before a message
-SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -121,13 +116,7 @@ class WireNode(Closable):
             except Exception as error:
                 if sender not in failed and len(failed) < 1000:
                     failed.add(sender)
-                    LOG.warning(
-                        "a message of %s on %s: %s; said once for each publisher",
-                        sender,
-                        wanted.name,
-                        error,
-                        exc_info=not isinstance(error, CorruptMessage),
-                    )
+                    warn_of_message(wanted.name, sender, error)
 
         with self._lock:
             self._check_open()
@@ -204,11 +193,7 @@ class WireNode(Closable):
         self._link.close()
 
     def _take_clock(self, data: bytes | memoryview, _: str) -> None:
-        if len(data) != _HEADER + _TIME.size:
-            text = f"a {CLOCK_KIND} of {len(data)} bytes; it has {_HEADER + _TIME.size}"
-            raise CorruptMessage(text, offset=0, reason="length")
-        seconds, nanoseconds = _TIME.unpack_from(data, _HEADER)
-        self._now = seconds * SECOND + nanoseconds
+        self._now = decode_clock(data, cdr=True)
         self._tell_clock()
 
     def _tell_clock(self) -> None:
