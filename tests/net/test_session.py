@@ -129,6 +129,16 @@ def test_a_namespace_has_one_home() -> None:
             assert wait_for(home.events(), "fenced").before is None
 
 
+def test_a_home_that_has_just_begun_is_seen() -> None:
+    """Also by its own session, which may still hear of the tokens that were there before."""
+    with tfdb.net.Session(listen=free_endpoint()) as session:
+        for number in range(60):
+            name = f"{NAME}/{number}"
+            with tfdb.net.publish(tfdb.Buffer(), name, session=session):
+                with pytest.raises(tfdb.errors.StoreExists, match="has a home"):
+                    tfdb.net.publish(tfdb.Buffer(), name, session=session)
+
+
 def test_a_new_home_is_later_than_the_last_home_of_its_mirrors() -> None:
     """Also if its clock, and so its store's epoch, is behind."""
     endpoint = free_endpoint()

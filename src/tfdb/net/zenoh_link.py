@@ -198,7 +198,8 @@ class ZenohLink:
         """See `Link`."""
         found: list[Token] = []
         for role in ("home", "mirror"):
-            replies: Any = self._tokens.liveliness().get(tokens_key(name, role), timeout=_PATIENCE)
+            # Zenoh tells a session of a token once: a subscriber of it may take this answer away.
+            replies: Any = self._data.liveliness().get(tokens_key(name, role), timeout=_PATIENCE)
             read = [_token(reply.ok) for reply in replies if reply.ok is not None]
             found += [each for each in read if each is not None]
         return found
