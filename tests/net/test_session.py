@@ -134,9 +134,11 @@ def test_a_home_that_has_just_begun_is_seen() -> None:
     with tfdb.net.Session(listen=free_endpoint()) as session:
         for number in range(60):
             name = f"{NAME}/{number}"
-            with tfdb.net.publish(tfdb.Buffer(), name, session=session):
-                with pytest.raises(tfdb.errors.StoreExists, match="has a home"):
-                    tfdb.net.publish(tfdb.Buffer(), name, session=session)
+            with (
+                tfdb.net.publish(tfdb.Buffer(), name, session=session),
+                pytest.raises(tfdb.errors.StoreExists, match="has a home"),
+            ):
+                tfdb.net.publish(tfdb.Buffer(), name, session=session)
 
 
 def test_a_new_home_is_later_than_the_last_home_of_its_mirrors() -> None:
