@@ -148,6 +148,7 @@ def test_a_promoted_mirror_and_the_old_home_in_a_cut_network() -> None:
         old.heal()  # type: ignore[attr-defined]
         event = wait_for(home.events(), "fenced")
         assert event.before == (home.epoch, fork)
+        assert event.text.endswith(f"the commits after {fork} are in this store alone")
         assert event.after == (home.epoch, source.commit)
         assert home.state == "fenced"
         assert [each.commit for each in source.changes(fork)] == list(range(fork + 1, fork + 6))
@@ -178,6 +179,7 @@ def test_a_promoted_mirror_takes_over(links: Links) -> None:
         assert mirror.state == "closed"
         event = wait_for(home.events(), "fenced")
         assert event.before == (home.epoch, 1)
+        assert "alone" not in event.text, "the later home has all"
         spare.set_transform("map", "later", 20, *pose(3))
         wait_for_commit(other, spare.commit)
         assert other.position is not None
@@ -185,6 +187,27 @@ def test_a_promoted_mirror_takes_over(links: Links) -> None:
         assert state_of(copy) == state_of(spare)
     for each in (other, home):
         each.close()
+
+
+def test_a_home_that_began_before_its_mirrors_epoch_stops_and_begins_again(links: Links) -> None:
+    """Such as that of a machine whose clock was behind, while no mirror could be seen."""
+    source, copy, link = tfdb.Buffer(), tfdb.Buffer(), links()
+    source.set_transform("map", "base", 0, *pose(1))
+    with Home(source, NAME, link, Epoch(9, b"i" * 16)), Mirror(copy, NAME, links()) as mirror:
+        mirror.wait_until_live(LONGEST)
+    source.set_transform("map", "base", 1, *pose(2))
+    with (
+        Home(source, NAME, link, Epoch(5, b"i" * 16)) as home,
+        Mirror(copy, NAME, links()) as mirror,
+        home.events() as events,
+    ):
+        event = wait_for(events, "fenced")
+        assert (event.before, event.after) == (None, (home.epoch, 2))
+        assert [each.role for each in link.tokens(NAME)] == ["mirror"]
+        with new_home(source, link) as later:
+            mirror.wait_until_live(LONGEST)
+            assert later.epoch.number > 9
+            assert state_of(copy) == state_of(source)
 
 
 def test_mirrors_that_cannot_be_promoted(links: Links) -> None:

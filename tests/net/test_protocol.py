@@ -396,3 +396,26 @@ def test_the_epoch_of_a_new_home() -> None:
     finally:
         shared.close()
         tfdb.Buffer.unlink(name)
+
+
+def test_a_mirror_of_a_later_home_asks_an_earlier_one_so_that_it_stops(home: Sender) -> None:
+    """Such as one whose machine's clock is behind, and which began while no mirror was there."""
+    into = tfdb.Buffer()
+    later = Sender(home._buffer, Epoch(6, b"f" * 16))
+    receiver = new_mirror(into)
+    receiver.take(later.head(), 0.0)
+    answered(receiver, later, 0.0)
+    receiver.take(home.head(), 0.1)
+    assert receiver.question(0.1) is None, "the later home is there"
+    receiver.lose_home(later.epoch, 0.2)
+    assert receiver.question(0.2) is None
+    receiver.take(home.head(), 0.5)
+    assert receiver.question(0.5) == Question(later.epoch, 10)
+    receiver.answered(0.5)
+    assert receiver.question(5.0) is None
+    again = new_mirror(into)
+    assert again.question(6.0) is None
+    again.take(home.head(), 6.0)
+    assert again.question(6.0) == Question(later.epoch, 10)
+    assert again.state == "absent"
+    later.close()

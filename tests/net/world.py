@@ -253,10 +253,6 @@ class World:
         for node in homes:
             self.meet(node, max(each.sender.epoch for each in homes if each.sender is not None))
         home = next((node for node in homes if node.sender is not None), self.nodes[0])
-        known = [node.receiver.known for node in self.nodes if node.receiver is not None]
-        if home.sender is None or max(known, default=NONE) > home.sender.epoch:
-            self.kill(home)  # its user begins it again
-            self.begin_home(home, NONE, 0)
         for node in self.nodes:
             if node.sender is None and node.receiver is None:
                 self.empty(node)
@@ -264,6 +260,9 @@ class World:
         for _ in range(1500):
             self.now += 0.02
             self.deliver()
+            if home.sender is None:  # it stopped: its user begins it again
+                self.kill(home)
+                self.begin_home(home, NONE, 0)
             for node in self.nodes:
                 if node.receiver is not None:
                     self.ask(node)

@@ -217,6 +217,7 @@ class Home(Closable):
 
     def _step_down(self, later: Epoch) -> None:
         """Another home is there: note which commits it lacks."""
+        self._leave()  # before others see the state: a home may begin at once
         self._state = "fenced"
         heard: list[Head] = []
         came = threading.Event()
@@ -232,10 +233,13 @@ class Home(Closable):
         came.wait(_LAST_WORD)
         hearing.undeclare()
         after = self.epoch, self._buffer.commit
-        text = f"a later home is there ({later.number}): this one stopped at commit {after[1]}"
+        text = (
+            f"a later home is there, or was ({later.number}): this one stopped at commit {after[1]}"
+        )
         if heard and heard[0].previous == self.epoch:
             fork = heard[0].fork
-            text += f"; the commits after {fork} are in this store alone"
+            if fork < after[1]:
+                text += f"; the commits after {fork} are in this store alone"
             self._log.add("fenced", text, (self.epoch, fork), after)
         else:
             self._log.add("fenced", text, None, after)

@@ -86,6 +86,8 @@ class Receiver:
         self._asked: tuple[object, ...] | None = None
         self._ask_at, self._pause = -math.inf, 0.0
         self._wants_state = False
+        self._is_outdated = False
+        """Whether an earlier home speaks, and no later one: a question tells it that it is one."""
         self._last_refusal = ""
         self._expected = self._front()
 
@@ -102,6 +104,7 @@ class Receiver:
             return
         if message.epoch < self.known:
             self.outdated += 1
+            self._is_outdated = self.state in ("absent", "stale")
             return
         self._follow(message.epoch)
         self.bytes += len(data)
@@ -139,6 +142,7 @@ class Receiver:
         self._pause = 0.0 if self._asked != self._place() else self._longer()
         self._ask_at = now + self._pause
         self._asked = None
+        self._is_outdated = False
         self._parts.clear()
         self.tick(now)
 
@@ -178,7 +182,7 @@ class Receiver:
 
     def question(self, now: float) -> Question | None:
         """Return the question that is due; `answered` must follow. None: nothing is to be asked."""
-        if self._asked is not None or now < self._ask_at or not self._is_behind():
+        if self._asked is not None or now < self._ask_at or not self._is_to_ask():
             return None
         self.questions += 1
         self._asked = self._place()
@@ -190,7 +194,7 @@ class Receiver:
     def due(self, now: float) -> float:
         """Return in how many seconds `tick` or `question` is to be called."""
         at = self._heard + SILENCE if self.state in ("catching up", "live") else now + SILENCE
-        if self._asked is None and self._is_behind():
+        if self._asked is None and self._is_to_ask():
             at = min(at, self._ask_at)
         return min(max(at - now, 0.0) + 0.001, SILENCE)
 
@@ -325,6 +329,9 @@ class Receiver:
         if position is None or position.epoch < self.known:
             return self.known > NONE
         return position.commit < self.newest
+
+    def _is_to_ask(self) -> bool:
+        return self._is_outdated or self._is_behind()
 
     def _place(self) -> tuple[object, ...]:
         """Where it is: an answer that changes it was of use."""
