@@ -114,6 +114,22 @@ def test_a_mirror_waits_for_a_router(names: tuple[str, str]) -> None:
     assert waiting.stop()[0] == 130
 
 
+def test_the_end_of_a_home_is_printed_once(names: tuple[str, str]) -> None:
+    endpoint = free_endpoint()
+    with (
+        tfdb.Buffer.open(names[0], size=1 << 25),
+        tfdb.net.Session(listen=endpoint) as session,
+    ):
+        home = Running("publish", f"shm:{names[0]}", "--as", "robot1", "--connect", endpoint)
+        with tfdb.net.mirror("robot1", into=tfdb.Buffer(), session=session) as mirror:
+            mirror.wait_until_live(LONGEST)
+        with tfdb.net.publish(tfdb.Buffer(), "robot1", session=session, take_over=True):
+            home.wait_for("fenced")
+            out, said = home.process.communicate(timeout=LONGEST)
+    assert home.process.returncode == 1
+    assert (len(out.splitlines()), said) == (1, "")
+
+
 def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
     endpoint = free_endpoint()
     text = tool("publish", bag, "--as", "r", "--connect", endpoint, code=2).err

@@ -271,6 +271,19 @@ def test_a_writer_at_full_speed_does_not_wait(links: Links) -> None:
         assert home.stats.commits + home.stats.lapped == source.commit
 
 
+def test_a_shared_store_does_not_follow_itself(links: Links, store_name: str) -> None:
+    with (
+        tfdb.Buffer.open(store_name, size=1 << 25) as store,
+        new_home(store, links()),
+        Mirror(store, NAME, links()) as mirror,
+    ):
+        store.set_transform("map", "base", 1, *pose(1))
+        with pytest.raises(tfdb.InvalidArgument, match=f"{NAME}.*publishes this store itself"):
+            mirror.wait_until_live(LONGEST)
+        assert mirror.state == "ended"
+        assert (store.commit, store.positions()) == (1, [])
+
+
 def test_the_end_of_a_mirrors_store_ends_it(links: Links) -> None:
     source, copy = tfdb.Buffer(), tfdb.Buffer()
     source.set_transform("map", "base", 10, *pose(1))
@@ -340,6 +353,8 @@ def test_wrong_arguments() -> None:
         publish("robot1", "robot1")  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="into is a Buffer"):
         mirror("robot1", into="robot1")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="shared must be a str, got int"):
+        mirror("robot1", into=tfdb.Buffer(), shared=("map", 5))  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="max_delay"):
         publish(tfdb.Buffer(), "robot1", max_delay=-1)
     with pytest.raises(tfdb.errors.NotSupported, match="keeps no feed"):

@@ -131,13 +131,16 @@ def test_a_home_behind_a_router_needs_to_write(authority: Authority) -> None:
         }
         mirror = stack.enter_context(tfdb.net.mirror(NAME, into=copy, session=sessions["reader"]))
         # A process that may only read cannot be a home.
-        with tfdb.net.publish(tfdb.Buffer(), NAME, session=sessions["other"]):
+        with tfdb.net.publish(tfdb.Buffer(), NAME, session=sessions["other"]) as unseen:
             wait_for(mirror.events(), "absent")
+            text = wait_for(unseen.events(), "unseen").text
+            assert f"access control lets this certificate write '{NAME}'" in text
         home = stack.enter_context(tfdb.net.publish(source, NAME, session=sessions["robot1"]))
         mirror.wait_until_live(LONGEST)
         assert mirror.position is not None
         assert mirror.position.epoch == home.epoch
         assert state_of(copy) == state_of(source)
+        assert home._is_seen
 
 
 def test_strangers_get_no_session(authority: Authority, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from contextlib import contextmanager, suppress
@@ -82,6 +83,7 @@ def _do_nothing(_: str) -> None:
 
 def follow_events(command: str, what: Home | Mirror, *, as_json: bool) -> None:
     """Print events until Ctrl-C, or until it has ended. Raises the error that ended it."""
+    logging.getLogger("tfdb.net").addHandler(logging.NullHandler())  # else stderr has them as well
     with suppress(KeyboardInterrupt):  # the usual end
         for event in what.events():
             show_event(command, event, as_json=as_json)

@@ -18,10 +18,19 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("tfdb.net")
 _KEPT = 1000
-_LOUD = ("rewound", "refused", "fenced", "lapped", "ended")
+_LOUD = ("rewound", "refused", "fenced", "unseen", "lapped", "ended")
 
 Kind = Literal[
-    "absent", "catching up", "live", "stale", "rewound", "refused", "fenced", "lapped", "ended"
+    "absent",
+    "catching up",
+    "live",
+    "stale",
+    "rewound",
+    "refused",
+    "fenced",
+    "unseen",
+    "lapped",
+    "ended",
 ]
 
 
@@ -31,8 +40,8 @@ class Event(NamedTuple):
     `kind` is a new state of a mirror (`absent`, `catching up`, `live`, `stale`), or one of:
     `rewound` (a mirror went from `before` to `after`, a state that need not contain `before`),
     `refused` (something that was received cannot be stored), `fenced` (a home found a later one,
-    and stopped), `lapped` (a home sends a state, for its feed had overrun it), `ended` (by an
-    error).
+    and stopped), `unseen` (others do not see a home), `lapped` (a home sends a state, for its feed
+    had overrun it), `ended` (by an error).
     """
 
     time: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from contextlib import contextmanager, suppress
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 _HEADS = 0.5
 """Seconds between two heads."""
+_UNSEEN = 2.0
+"""Seconds in which the own token of a home must come back to it."""
 _LOOK = 0.01
 """Seconds between two looks where this process may not wait for commits."""
 _LAST_WORD = 2.0
@@ -88,6 +91,7 @@ class Home(Closable):
         self._closing = threading.Event()
         self._lock = threading.Lock()
         self._later: Epoch | None = None
+        self._is_seen = False
         self._watch: Watch | None = None
         with suppress(NotSupported):  # then it looks again and again
             self._watch = buffer.watch((), every=True)
@@ -174,7 +178,7 @@ class Home(Closable):
                 self._log.close()
 
     def _publish(self) -> None:
-        due = 0.0
+        due, unseen_at = 0.0, time.monotonic() + _UNSEEN
         while self._later is None:
             ending = self._closing.is_set()
             sent = self._send_all()
@@ -182,6 +186,10 @@ class Home(Closable):
                 if time.monotonic() >= due:
                     self._send(self._sender.head())
                     due = time.monotonic() + _HEADS
+                    if not self._is_seen and due > unseen_at:
+                        unseen_at = math.inf
+                        text = "others do not see this home: check that access control lets this "
+                        self._log.add("unseen", f"{text}certificate write {self._name!r}")
                 if sent and self._delay:
                     self._closing.wait(self._delay)
             if ending:
@@ -256,6 +264,7 @@ class Home(Closable):
 
     def _see(self, token: Token, alive: bool) -> None:
         if alive and token.role == "home":
+            self._is_seen = self._is_seen or token.epoch == self.epoch
             self._meet(token.epoch)
 
     def _meet(self, epoch: Epoch) -> None:

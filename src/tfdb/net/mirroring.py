@@ -409,6 +409,8 @@ def mirror(
     refuse_without(into, "into", "a Buffer", "apply", "positions")
     name = check_network_name(name)
     prefix = check_name("prefix", prefix)
-    names = [shared] if isinstance(shared, str) else list(shared)
+    names = [
+        check_name("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
+    ]
     with link_of(session) as (link, owned):
         return Mirror(into, name, link, prefix=prefix, shared=names, owned=owned)

@@ -11,6 +11,7 @@ from tfdb.data.errors import (
     BufferClosed,
     CorruptMessage,
     Fenced,
+    InvalidArgument,
     NoSuchStore,
     NotSupported,
     OutOfOrder,
@@ -216,8 +217,11 @@ class Receiver:
                 self._take_part(message)
 
     def _follow(self, epoch: Epoch) -> None:
-        """Leave all earlier epochs."""
+        """Leave all earlier epochs. Raises InvalidArgument: the store would follow itself."""
         if epoch > self.known:
+            if epoch == self._buffer.epoch:
+                text = f"the home of {self._options['source']!r} publishes this store itself: "
+                raise InvalidArgument(f"{text}mirror it into another one")
             self.known, self.newest, self._head = epoch, 0, None
             self._waiting.clear()
             self._parts.clear()
