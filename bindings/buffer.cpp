@@ -423,6 +423,8 @@ UnknownFrame, FrameInUse (naming the children), with `index` and, for every name
     type.def("clear", &clear, nb::sig("def clear(self) -> int"),
              R"(Drop all moving samples in one commit; frames and static edges stay.
 
+The samples that `apply` brings of another store stay, too: only this store clears them.
+
 The commit itself takes a little memory for each moving edge. Raises CapacityExceeded where
 `memory_limit` leaves none; nothing was then dropped.)");
     type.def("compact", &compact, nb::sig("def compact(self) -> bool"), kCompactDoc);

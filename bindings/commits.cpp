@@ -29,6 +29,21 @@ nb::object epoch_record(const Epoch& epoch) {
     return record_type("Epoch")(epoch.number, nb::bytes(id, sizeof id));
 }
 
+Epoch epoch_of(nb::handle record) {
+    const nb::object number = nb::getattr(record, "number", nb::none());
+    const nb::object id = nb::getattr(record, "id", nb::none());
+    const BytesLike bytes(id, "id");
+    if (bytes.bytes().size() != 16)
+        throw InvalidArgument("the id of an epoch has 16 bytes");
+    const auto half = [&](std::size_t first) {
+        std::uint64_t value = 0;
+        for (const std::byte byte : bytes.bytes().subspan(first, 8))
+            value = value << 8 | std::to_integer<std::uint64_t>(byte);
+        return value;
+    };
+    return {count_of(number, "number", 0, std::uint64_t{1} << 63), half(0), half(8)};
+}
+
 nb::object position_record(const Position& position) {
     return record_type("Position")(str_of_name(position.source), epoch_record(position.epoch),
                                    position.commit);
@@ -122,6 +137,37 @@ bool forget_source(BufferObject& self, nb::handle source) {
     return self.open_store().forget_source(name);
 }
 
+/// For tfdb.net. `from`: where the position must be, None: anywhere.
+nb::object hand_over(BufferObject& self, nb::handle source, nb::handle how, nb::handle epoch,
+                     nb::handle commit, nb::handle from) {
+    const std::string_view kind = name_of(how, "how");
+    if (kind != "follow" && kind != "release" && kind != "adopt")
+        throw InvalidArgument("how is 'follow', 'release' or 'adopt'");
+    const Handover handover = kind == "follow"    ? Handover::kFollow
+                              : kind == "release" ? Handover::kRelease
+                                                  : Handover::kAdopt;
+    const auto position_at = [&](nb::handle at_epoch, nb::handle at_commit) {
+        Position position;
+        position.source = name_of(source, "source");
+        position.epoch = epoch_of(at_epoch);
+        position.commit = count_of(at_commit, "commit", 0, kMaxCommit);
+        return position;
+    };
+    const Position to = position_at(epoch, commit);
+    std::optional<Position> expected;
+    if (!from.is_none()) {
+        const nb::object at_epoch = nb::getattr(from, "epoch", nb::none());
+        const nb::object at_commit = nb::getattr(from, "commit", nb::none());
+        expected = position_at(at_epoch, at_commit);
+    }
+    std::optional<HandedOver> done;
+    {
+        const LongWork work(true);
+        done = self.open_store().hand_over(handover, to, expected);
+    }
+    return done ? nb::object(nb::make_tuple(done->commit, done->is_whole)) : nb::none();
+}
+
 nb::list positions(BufferObject& self) {
     nb::list records;
     for (const Position& position : self.open_store().positions())
@@ -175,7 +221,8 @@ source had: no reader sees an empty or a mixed store. The position is stored by 
 a process that is killed finds in `positions()` where to go on. Commits at or before the position
 are skipped.
 
-A frame that is a root at its source may get a parent here, by any writer. It is kept until the
+Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. But a frame
+that is a root at its source may get a parent here, by any writer. It is kept until the
 source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
 stays, without its samples, if a frame of another writer is its child.
 
@@ -250,9 +297,9 @@ void bind_commits(nb::class_<BufferObject, ReadsObject>& type) {
              nb::sig("def forget_source(self, source: str) -> bool"),
              R"(Forget how far the commits of a source have been applied.
 
-For a source that begins anew while its clock is behind, so that `apply` raises Fenced. The next
-bytes of it must be a state, of any epoch, which replaces what it had: its frames stay until then. Its
-name and its prefix stay taken.
+For a source that begins anew while its clock is behind, so that `apply` raises Fenced, or for one that
+has ended. Its frames stay, and may be written by any writer. The next bytes of it must be a state, of
+any epoch, which replaces what it had. Its name and its prefix stay taken.
 
 Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
 ReadOnly, LockTimeout, NotSupported, TransactionActive.)");
@@ -265,6 +312,19 @@ In the order in which the sources came first. A frozen store has none.)");
         nb::sig("def _state_bytes_as(self, source: str) -> bytes"),
         "Return the newest state as bytes that the later commits of this source follow; b\"\" if "
         "nothing of it was applied.");
+    type.def("_hand_over", &hand_over, nb::arg("source"), nb::arg("how"), nb::arg("epoch"),
+             nb::arg("commit") = 0, nb::arg("from_").none() = nb::none(),
+             nb::sig("def _hand_over(self, source: str, how: "
+                     "typing.Literal['follow', 'release', 'adopt'], epoch: tfdb.types.Epoch, "
+                     "commit: int = 0, from_: tfdb.types.Position | None = None) "
+                     "-> tuple[int, bool] | None"),
+             R"(Set the position of a source, in one commit, since its home is another one.
+
+`follow`: the new home goes on exactly at the position. `release`: this store is the home now, and its
+writers may write. `adopt`: it was the home, and what they stored is the source's from now on.
+`from_`: where the position must be; then `adopt` is for a store that was made the home there, and
+`follow` for one that was not. Returns the commit, and whether the store had what the source has, and
+nothing else. Returns None, and changes nothing, if the position is elsewhere.)");
     type.def_prop_ro(
         "epoch", [](BufferObject& self) { return epoch_record(self.open_store().epoch()); },
         nb::sig("def epoch(self) -> tfdb.types.Epoch"),

@@ -575,6 +575,8 @@ Arguments and errors as in `Buffer.remove_frames`.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> None"),
              R"(Drop all moving samples at the commit; frames and static transforms stay.
 
+The commit raises ReadOnly if there are moving samples that `apply` brings of another store.
+
 What the transaction stored before goes as well, but for static transforms; what it stores
 afterwards is stored by the same commit, so no reader finds the store empty. An edge may then become
 static, or moving, as after `Buffer.clear`. The samples that others store until the commit are

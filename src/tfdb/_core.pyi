@@ -833,6 +833,8 @@ class NativeBuffer(Reads):
         """
         Drop all moving samples in one commit; frames and static edges stay.
 
+        The samples that `apply` brings of another store stay, too: only this store clears them.
+
         The commit itself takes a little memory for each moving edge. Raises CapacityExceeded where
         `memory_limit` leaves none; nothing was then dropped.
         """
@@ -950,7 +952,8 @@ class NativeBuffer(Reads):
         a process that is killed finds in `positions()` where to go on. Commits at or before the position
         are skipped.
 
-        A frame that is a root at its source may get a parent here, by any writer. It is kept until the
+        Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. But a frame
+        that is a root at its source may get a parent here, by any writer. It is kept until the
         source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
         stays, without its samples, if a frame of another writer is its child.
 
@@ -998,9 +1001,9 @@ class NativeBuffer(Reads):
         """
         Forget how far the commits of a source have been applied.
 
-        For a source that begins anew while its clock is behind, so that `apply` raises Fenced. The next
-        bytes of it must be a state, of any epoch, which replaces what it had: its frames stay until then. Its
-        name and its prefix stay taken.
+        For a source that begins anew while its clock is behind, so that `apply` raises Fenced, or for one that
+        has ended. Its frames stay, and may be written by any writer. The next bytes of it must be a state, of
+        any epoch, which replaces what it had. Its name and its prefix stay taken.
 
         Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
         ReadOnly, LockTimeout, NotSupported, TransactionActive.
@@ -1016,6 +1019,17 @@ class NativeBuffer(Reads):
     def _state_bytes_as(self, source: str) -> bytes:
         """
         Return the newest state as bytes that the later commits of this source follow; b"" if nothing of it was applied.
+        """
+
+    def _hand_over(self, source: str, how: Literal['follow', 'release', 'adopt'], epoch: tfdb.types.Epoch, commit: int = 0, from_: tfdb.types.Position | None = None) -> tuple[int, bool] | None:
+        """
+        Set the position of a source, in one commit, since its home is another one.
+
+        `follow`: the new home goes on exactly at the position. `release`: this store is the home now, and its
+        writers may write. `adopt`: it was the home, and what they stored is the source's from now on.
+        `from_`: where the position must be; then `adopt` is for a store that was made the home there, and
+        `follow` for one that was not. Returns the commit, and whether the store had what the source has, and
+        nothing else. Returns None, and changes nothing, if the position is elsewhere.
         """
 
     @property
@@ -1762,6 +1776,8 @@ class NativeTransaction:
     def clear(self) -> None:
         """
         Drop all moving samples at the commit; frames and static transforms stay.
+
+        The commit raises ReadOnly if there are moving samples that `apply` brings of another store.
 
         What the transaction stored before goes as well, but for static transforms; what it stores
         afterwards is stored by the same commit, so no reader finds the store empty. An edge may then become

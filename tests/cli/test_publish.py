@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -46,9 +47,14 @@ class Running:
     def wait_for(self, event: str) -> None:
         """Read until there is an event."""
         assert self.process.stdout is not None
-        for line in self.process.stdout:
-            if json.loads(line).get("event") == event:
-                return
+        patience = threading.Timer(LONGEST, self.process.kill)
+        patience.start()
+        try:
+            for line in self.process.stdout:
+                if json.loads(line).get("event") == event:
+                    return
+        finally:
+            patience.cancel()
         raise AssertionError(f"no {event!r}: {self.process.communicate()}")
 
     def stop(self, number: int = signal.SIGINT) -> tuple[int, dict[str, Any]]:

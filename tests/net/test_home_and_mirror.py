@@ -10,17 +10,19 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import tfdb
-from tests.net.conftest import LONGEST, memory_links
+from tests.net.conftest import LONGEST, free_endpoint, memory_links, needs_zenoh
 from tests.recorder.reading import state_of
 from tests.test_changes import Writer, pose
 from tfdb.data.types import Epoch
 from tfdb.net.home import Home, publish
 from tfdb.net.link import Token, check_network_name, token_of
+from tfdb.net.messages import in_epoch
 from tfdb.net.mirroring import Mirror, mirror
-from tfdb.net.sending import epoch_for
+from tfdb.net.sending import epoch_after, epoch_for, step_back, take_over
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from tfdb.net.events import Event, NetEvents
     from tfdb.net.link import Link
@@ -148,15 +150,124 @@ def test_a_promoted_mirror_and_the_old_home_in_a_cut_network() -> None:
         old.heal()  # type: ignore[attr-defined]
         event = wait_for(home.events(), "fenced")
         assert event.before == (home.epoch, fork)
-        assert event.text.endswith(f"the commits after {fork} are in this store alone")
-        assert event.after == (home.epoch, source.commit)
+        assert f"the commits after {fork} are in this store alone" in event.text
+        assert event.after == (home.epoch, fork + 5)
         assert home.state == "fenced"
-        assert [each.commit for each in source.changes(fork)] == list(range(fork + 1, fork + 6))
+        assert [each.commit for each in source.changes(fork)][:5] == list(range(fork + 1, fork + 6))
         assert state_of(copy) == state_of(spare)
         kinds = [each.kind for each in list_events(other.events())]
         assert "rewound" not in kinds
+        assert other.stats.states == 1, "it was exactly at the fork"
         for each in (promoted, other, mirror, home):
             each.close()
+
+
+def test_the_store_of_a_fenced_home_is_read_only_and_then_a_mirror(
+    links: Links, tmp_path: Path
+) -> None:
+    source, spare = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    lost = tmp_path / "lost"
+    link = links()
+    home = new_home(source, link, keep_lost=lost)
+    mirror = Mirror(spare, NAME, links())
+    mirror.wait_until_live(LONGEST)
+    with source.snapshot() as snap:
+        forked = in_epoch(snap.state_bytes(), home.epoch)
+    # What the mirror lacks: it is promoted before it hears of it.
+    mirror._stop()
+    source.set_transform("map", "alone", 10, *pose(2))
+    beyond = state_of(source)
+    epoch = epoch_after(home.epoch)
+    later = Home(spare, NAME, links(), epoch, origin=take_over(spare, NAME, epoch))
+    event = wait_for(home.events(), "fenced")
+    assert (event.before, event.after) == ((home.epoch, 1), (home.epoch, 2))
+    assert "the commits after 1 are in this store alone" in event.text
+    assert f"{lost} has them. Its frames are read-only" in event.text
+    for frame in ("base", "alone"):
+        with pytest.raises(tfdb.errors.ReadOnly, match=f"comes from source '{NAME}'"):
+            source.set_transform("map", frame, 20, *pose(3))
+    copy = tfdb.Buffer()
+    copy.apply(forked)
+    copy.apply(lost.read_bytes())
+    assert state_of(copy) == beyond
+    home.close()
+    spare.set_transform("map", "base", 30, *pose(4))
+    with Mirror(source, NAME, link) as back:
+        back.wait_until_live(LONGEST)
+        wait_for_commit(back, spare.commit)
+        assert state_of(source) == state_of(spare)
+        rewound = wait_for(back.events(), "rewound")
+        assert rewound.before == (home.epoch, 2)
+    later.close()
+
+
+def test_a_fenced_home_that_lost_nothing_goes_on_as_a_mirror_without_a_state(links: Links) -> None:
+    source, spare = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    link = links()
+    home = new_home(source, link)
+    mirror = Mirror(spare, NAME, links())
+    mirror.wait_until_live(LONGEST)
+    with mirror.promote() as later:
+        event = wait_for(home.events(), "fenced")
+        assert event.before == event.after == (home.epoch, 1)
+        home.close()
+        spare.set_transform("map", "later", 20, *pose(3))
+        with Mirror(source, NAME, link) as back:
+            wait_for_commit(back, later.commit)
+            assert back.stats.states == 0
+            assert state_of(source) == state_of(spare)
+
+
+def test_a_promoted_home_that_was_killed_goes_on_as_a_mirror(links: Links) -> None:
+    link, spare, other = links(), tfdb.Buffer(), tfdb.Buffer()
+    source = tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, link)
+    mirror, second = Mirror(spare, NAME, links()), Mirror(other, NAME, links())
+    for each in (mirror, second):
+        each.wait_until_live(LONGEST)
+    promoted = mirror.promote()
+    wait_for(home.events(), "fenced")
+    home.close()
+    promoted.close()
+    spare.set_transform("map", "unsent", 20, *pose(3))  # it is not heard of any more
+    with second.promote() as last:
+        step_back(spare, NAME, [last.epoch])
+        with Mirror(spare, NAME, link) as back:
+            back.wait_until_live(LONGEST)
+            assert spare.frames() == ["base", "map"]
+            assert state_of(spare) == state_of(other)
+
+
+def test_a_promoted_store_with_frames_of_its_own_sends_states(links: Links) -> None:
+    source, spare, copy = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, links())
+    mirror, other = Mirror(spare, NAME, links()), Mirror(copy, NAME, links())
+    for each in (mirror, other):
+        each.wait_until_live(LONGEST)
+    spare.set_static_transform("base", "sticker", *pose(3))
+    with mirror.promote():
+        wait_for(home.events(), "fenced")
+        other.wait_until_live(LONGEST)
+        copy.wait_for_transform("map", "sticker", timeout=LONGEST)
+        assert other.stats.states == 2
+        assert state_of(copy) == state_of(spare)
+    for each in (other, home):
+        each.close()
+
+
+@needs_zenoh
+def test_a_mirror_in_the_store_of_its_home_is_refused(store_name: str) -> None:
+    store = tfdb.Buffer.open(store_name)
+    with (
+        tfdb.net.Session(listen=free_endpoint()) as session,
+        publish(store, NAME, session=session),
+        pytest.raises(tfdb.InvalidArgument, match="is that of the home"),
+    ):
+        mirror(NAME, into=store, session=session)
 
 
 def list_events(events: NetEvents) -> list[Event]:

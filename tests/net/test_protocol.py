@@ -18,7 +18,7 @@ from tfdb.net import messages, receiving, sending
 from tfdb.net.events import EventLog
 from tfdb.net.messages import NONE, Question
 from tfdb.net.receiving import Receiver
-from tfdb.net.sending import Sender, epoch_for
+from tfdb.net.sending import Origin, Sender, epoch_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -80,6 +80,30 @@ def test_a_rewind_without_a_word_is_found(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_mirror_that_never_asks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Receiver, "question", lambda self, now: None)
+    assert finds()
+
+
+def test_a_mirror_that_goes_on_from_another_commit_than_the_fork_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usual = Receiver._pass_fork
+
+    def pass_fork(self: Receiver, head: messages.Head) -> None:
+        if self.position is not None:
+            usual(self, head._replace(previous=self.position.epoch, fork=self.position.commit))
+
+    monkeypatch.setattr(Receiver, "_pass_fork", pass_fork)
+    assert finds()
+
+
+def test_a_home_that_counts_commits_of_its_own_as_the_forks_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def late(*given: Any) -> sending.Origin:
+        origin = sending.take_over(*given)
+        return origin._replace(begin=origin.begin + 1)
+
+    monkeypatch.setattr("tests.net.world.take_over", late)
     assert finds()
 
 
@@ -158,7 +182,7 @@ def test_a_gap_is_asked_for_once_and_later_commits_are_kept(home: Sender) -> Non
     receiver.take(sent[2] or b"", 0.1)
     assert receiver.state == "catching up"
     question = receiver.question(0.1)
-    assert question == Question(home.epoch, 10)
+    assert question == Question(home.epoch, 10, home.epoch)
     assert receiver.question(0.2) is None, "one at a time"
     receiver.take(sent[0] or b"", 0.2)
     receiver.take(sent[1] or b"", 0.2)
@@ -265,7 +289,7 @@ def test_a_later_home_rewinds_a_mirror_that_is_beyond_the_fork(home: Sender) -> 
     write(home._buffer, 2)
     message = home.next() or b""
     ahead.take(message, 0.1)
-    promoted = Sender(behind._buffer, Epoch(6, b"f" * 16), home.epoch, 10)
+    promoted = Sender(behind._buffer, Epoch(6, b"f" * 16), Origin(home.epoch, 10))
     third = new_mirror()
     third.take(home.head(), 0.1)
     third.take(promoted.head(), 0.1)
@@ -350,8 +374,8 @@ def test_damaged_messages_change_nothing(home: Sender) -> None:
     ("kind", "body", "reason"),
     [
         (5, b"x" * 8, "unknown kind 5"),
-        (3, b"x" * 39, "a head has another size"),
-        (3, b"\xff" * 40, "beyond 2\\^44"),
+        (3, b"x" * 47, "a head has another size"),
+        (3, b"\xff" * 48, "beyond 2\\^44"),
         (4, bytes(8) + b"\1\0\0\0\1\0\0\0x", "part 1 of 1"),
         (4, bytes(8) + b"\0\0\0\0\1\x10\0\0x", "part 0 of 4097"),
         (4, bytes(16), "of 0 bytes"),
@@ -363,17 +387,18 @@ def test_sealed_messages_are_judged(kind: int, body: bytes, reason: str) -> None
     with pytest.raises(tfdb.errors.CorruptMessage, match=reason):
         messages.message_of(messages._sealed(kind, Epoch(3, b"i" * 16), body))
     with pytest.raises(tfdb.errors.CorruptMessage, match=r"below 2\^63"):
-        messages.message_of(messages._sealed(3, Epoch(1 << 63, bytes(16)), bytes(40)))
+        messages.message_of(messages._sealed(3, Epoch(1 << 63, bytes(16)), bytes(48)))
 
 
 def test_questions_and_epochs_as_text() -> None:
     epoch = Epoch(12, bytes(range(16)))
-    for question in (Question(epoch, 7), Question(epoch, None)):
+    for question in (Question(epoch, 7, epoch), Question(epoch, None)):
         read = dict(part.split("=") for part in str(question).split(";"))
-        assert messages.question_of(read.get("since"), read.get("epoch")) == question
+        parts = [read.get(each) for each in ("since", "of", "epoch")]
+        assert messages.question_of(*parts) == question
     for since, text in (("-1", "1-" + "0" * 32), ("1", "1-00"), ("1", ""), ("٣", "1-" + "0" * 32)):
         with pytest.raises(ValueError, match="is not"):
-            messages.question_of(since, text)
+            messages.question_of(since, text, text)
 
 
 def test_the_epoch_of_a_new_home() -> None:

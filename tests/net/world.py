@@ -16,7 +16,7 @@ from tfdb.data.types import Epoch
 from tfdb.net.events import EventLog
 from tfdb.net.messages import NONE
 from tfdb.net.receiving import Receiver
-from tfdb.net.sending import Sender
+from tfdb.net.sending import Sender, step_back, take_over
 
 if TYPE_CHECKING:
     from tfdb.net.messages import Question
@@ -37,7 +37,6 @@ class Node:
     log: EventLog = field(default_factory=lambda: EventLog(SOURCE))
     sender: Sender | None = None
     receiver: Receiver | None = None
-    was_mirror: bool = False
     was_home: bool = False
     life: int = 0
     seen: tuple[Epoch, int] = (NONE, 0)
@@ -62,7 +61,7 @@ class World:
         self.checked = self.rewound = 0
         self.fenced = 0
         self.nodes = [Node(number, self.new_store()) for number in range(3)]
-        self.begin_home(self.nodes[0], NONE, 0)
+        self.begin_home(self.nodes[0])
         for node in self.nodes[1:]:
             self.begin_mirror(node)
 
@@ -79,28 +78,31 @@ class World:
         seen += [each.receiver.known for each in others if each.receiver]
         seen += [each.epoch for each in node.buffer.positions()]
         own = Epoch(1, node.buffer.epoch.id)
-        if not node.was_mirror and own >= max(seen):
+        if not node.buffer.positions() and own >= max(seen):
             return own
         return Epoch(max(seen).number + 1, self.random.randbytes(16))
 
-    def begin_home(self, node: Node, previous: Epoch, fork: int) -> None:
-        """Let a node be a home."""
+    def begin_home(self, node: Node) -> None:
+        """Let a node be a home, also one that was a mirror."""
         node.receiver, node.was_home = None, True
         epoch = self.next_epoch(node)
-        node.sender = Sender(node.buffer, epoch, previous, fork)
+        origin = take_over(node.buffer, SOURCE, epoch)
+        node.sender = Sender(node.buffer, epoch, origin)
         node.life += 1
-        self.forks.setdefault(epoch, (previous, fork))
+        self.forks.setdefault(epoch, origin[:2])
         self.note(node)
         self.tell(node, alive=True)
 
     def begin_mirror(self, node: Node) -> None:
-        """Let a node be a mirror."""
+        """Let a node be a mirror, also one that was promoted before."""
         node.sender = None
+        step_back(node.buffer, SOURCE, ())
+        for each in node.buffer.positions():
+            node.seen = max(node.seen, (each.epoch, each.commit))
         node.log, node.read = EventLog(SOURCE), 0
         node.receiver = Receiver(
             node.buffer, SOURCE, "", (), node.log, random.Random(self.random.random())
         )
-        node.was_mirror = True
         node.life += 1
         for other in self.nodes:
             if other.sender is not None:
@@ -117,23 +119,24 @@ class World:
     def rise(self, node: Node) -> None:
         """Begin a process again: on its store, or on an empty one."""
         if node.was_home and self.random.random() < 0.6:
-            self.begin_home(node, NONE, 0)
+            self.begin_home(node)
             return
-        if node.was_home or self.random.random() < 0.3:
+        # What a home that never was a mirror has is not known to be the source's, unless it heard
+        # of a later one.
+        if (node.was_home and not node.buffer.positions()) or self.random.random() < 0.3:
             self.empty(node)
         self.begin_mirror(node)
 
     def empty(self, node: Node) -> None:
         """Give a node a new store."""
         node.buffer, node.seen = self.new_store(), (NONE, 0)
-        node.was_mirror = node.was_home = False
+        node.was_home = False
 
     def promote(self, node: Node) -> None:
         """Make a mirror the home."""
         assert node.receiver is not None
-        position = node.receiver.position
-        if position is not None:
-            self.begin_home(node, position.epoch, position.commit)
+        if node.receiver.position is not None:
+            self.begin_home(node)
 
     # -- the network -------------------------------------------------------------------------------
 
@@ -198,7 +201,9 @@ class World:
         """Let a home hear of an epoch: of a later one it steps down."""
         if home.sender is not None and epoch > home.sender.epoch:
             self.fenced += 1
+            epoch = home.sender.epoch
             self.kill(home)
+            home.buffer._hand_over(SOURCE, "adopt", epoch)
 
     # -- steps -------------------------------------------------------------------------------------
 
@@ -262,7 +267,7 @@ class World:
             self.deliver()
             if home.sender is None:  # it stopped: its user begins it again
                 self.kill(home)
-                self.begin_home(home, NONE, 0)
+                self.begin_home(home)
             for node in self.nodes:
                 if node.receiver is not None:
                     self.ask(node)

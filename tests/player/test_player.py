@@ -145,7 +145,7 @@ def test_each_message_is_one_commit(recording: Path) -> None:
     store = tfdb.Buffer(None)
     with playing(recording, store, speed=float("inf")) as (_, thread):
         thread.join(LONGEST)
-    kept = [len(record.stored) + len(record.stored_static) for record in store.changes(1)[1:]]
+    kept = [len(record.stored) + len(record.stored_static) for record in store.changes(1)[1:-1]]
     assert kept == [len(message.transforms) for message in messages()][-len(kept) :]
 
 
@@ -301,7 +301,19 @@ def test_the_later_player_takes_over(recording: Path) -> None:
             assert not store.clock.is_system  # it is the second one's
         with pytest.raises(errors.Fenced):
             players.close()
-    assert [position.source for position in store.positions()] == [SOURCE]
+    assert store.positions() == []
+
+
+def test_played_frames_are_read_only_until_the_player_ends(recording: Path) -> None:
+    store = tfdb.Buffer(HISTORY)
+    with playing(recording, store, paused=True):
+        begun(store)
+        stamp = store.frame_info("base").newest
+        assert stamp is not None
+        with pytest.raises(errors.ReadOnly, match=f"it comes from source '{SOURCE}'"):
+            store.set_transform("map", "base", stamp + 1, (1, 2, 3), TURN)
+        store.set_transform("map", "own", stamp, (1, 2, 3), TURN)
+    store.set_transform("map", "base", stamp + 1, (1, 2, 3), TURN)
 
 
 def test_a_frame_of_another_writer_is_replaced_with_a_warning(recording: Path) -> None:

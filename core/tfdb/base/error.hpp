@@ -62,7 +62,7 @@ struct RefusedMember {
 /// The fields of an error. Only those that the code's class documents are filled.
 struct ErrorDetail {
     std::string target;                 // frame asked for
-    std::string source;                 // frame asked from
+    std::string source;                 // frame asked from; of ReadOnly: whose frame it is
     std::string edge;                   // child frame of the edge that failed
     std::string parent;                 // its parent at that stamp
     std::string frame;                  // the one frame that the error is about

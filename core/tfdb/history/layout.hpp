@@ -49,6 +49,8 @@ static_assert(kHeaderBytes % memory::kLineBytes == 0, "headers are whole cache l
 /// that of which one stored the samples of its edge. 0: a writer of this store did.
 struct SourceWord {
     static constexpr unsigned kBits = 20;
+    /// Instead of a number: nothing was ever applied, so nothing is noted.
+    static constexpr std::uint64_t kNoSources = ~std::uint64_t{0};
     static constexpr std::uint64_t pack(std::uint64_t maker, std::uint64_t writer) {
         return writer << kBits | maker;
     }

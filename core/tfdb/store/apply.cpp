@@ -20,6 +20,42 @@ using wire::CommitSample;
 /// Above the digest of the chosen frames stands that of the shared ones: see Position::choice.
 constexpr unsigned kSharedShift = 32;
 
+[[nodiscard]] history::EdgeWriter<StoreMemory> writer_to(Store& store, FrameId id) {
+    return {store.memory, store.frames.header(id)};
+}
+
+/// Calls visit(id, word) for all frames, with their history::SourceWord.
+template <class Visit>
+void for_each_frame(Store& store, Visit visit) {
+    const StoreView view = store.view(store.committed());
+    for (FrameId id = 0; id < store.frames.count(); ++id) {
+        if (view.alive(id))
+            visit(id, store.frames.word(id, history::kSource));
+    }
+}
+
+/// What writers of this store made and stored is the source's from now on.
+void adopt(Store& store, std::uint64_t source) {
+    for_each_frame(store, [&](FrameId id, sync::Word& word) {
+        const std::uint64_t before = word.load_relaxed();
+        const std::uint64_t maker = SourceWord::maker(before);
+        const std::uint64_t writer = SourceWord::writer(before);
+        const std::uint64_t samples = writer_to(store, id).has_samples() ? source : 0;
+        word.store_relaxed(
+            SourceWord::pack(maker == 0 ? source : maker, writer == 0 ? samples : writer));
+    });
+}
+
+/// Whether all frames and samples came from the source.
+bool is_only_of(Store& store, std::uint64_t source) {
+    bool only = true;
+    for_each_frame(store, [&](FrameId id, const sync::Word& word) {
+        const std::uint64_t writer = writer_to(store, id).has_samples() ? source : 0;
+        only = only && word.load_relaxed() == SourceWord::pack(source, writer);
+    });
+    return only;
+}
+
 /// A sample of another store, with the names that its frames have here.
 /// Threads: the holder of the commit lock. Guarantee: one call of `commit` is one commit, all or
 /// nothing.
@@ -89,11 +125,15 @@ public:
         may_be_in_use_ = false;
         const bool is_state = sample_.kind == CommitSample::Kind::kState;
         number_authors();
-        StoreCommit made = store_.start_commit();
-        made.set_source(source_);
+        StoreCommit made = store_.start_commit_of(source_);
         commit_ = &made;
-        if (is_state)
+        if (is_state) {
+            // This store was the source's home, and is no longer.
+            if (const auto before = store_.positions.position(record_);
+                before && before->choice == Positions::kReleased)
+                adopt(store_, source_);
             take_away();
+        }
         remove(sample_.names_of(commit.removed));
         for (const std::uint32_t name : sample_.names_of(commit.passing))
             pass(name);
@@ -166,7 +206,7 @@ private:
         return ids_[name];
     }
     [[nodiscard]] history::EdgeWriter<StoreMemory> edge(FrameId id) const {
-        return {store_.memory, store_.frames.header(id)};
+        return writer_to(store_, id);
     }
     [[nodiscard]] std::uint64_t source_word(FrameId id) const {
         return store_.frames.word(id, history::kSource).load_relaxed();
@@ -550,6 +590,39 @@ bool Buffer::forget_source(std::string_view source) {
         return false;
     store_->start_commit().publish([&] { positions.forget(record); });
     return true;
+}
+
+std::optional<HandedOver> Buffer::hand_over(Handover how, const Position& to,
+                                            const std::optional<Position>& from) {
+    store::check_applies(*store_);
+    const std::lock_guard guard(store_->lock);
+    store::Positions& positions = store_->positions;
+    store::Positions::Record record = positions.find(to.source);
+    const auto position = record == 0 ? std::nullopt : positions.position(record);
+    const bool was_home = position && position->choice == store::Positions::kReleased;
+    if (from) {
+        if (!position || position->epoch != from->epoch || position->commit != from->commit)
+            return std::nullopt;
+        if (how != Handover::kRelease && was_home != (how == Handover::kAdopt))
+            return std::nullopt;
+    }
+    if (record == 0)
+        record = positions.make(to.source, "");
+    const std::uint64_t source = positions.number(record);
+    StoreCommit commit = store_->start_commit_of(source);
+    const HandedOver done{commit.number(), !was_home && store::is_only_of(*store_, source)};
+    CommitNumber at = to.commit;
+    std::uint64_t choice = position ? position->choice : 0;
+    if (how == Handover::kRelease) {
+        at = done.commit;
+        choice = store::Positions::kReleased;
+    } else if (how == Handover::kAdopt) {
+        at = done.commit - 1;
+        choice = 0;
+        store::adopt(*store_, source);
+    }
+    commit.publish([&] { positions.set(record, to.epoch, at, choice); });
+    return done;
 }
 
 std::vector<Position> Buffer::positions() const {

@@ -134,7 +134,7 @@ CommitNumber Buffer::clear() {
     store::check_not_in_transaction(*store_);
     const store::Alone alone(*store_);
     StoreCommit commit = store_->start_commit();
-    commit.clear_moving([](FrameId) { return false; });
+    commit.clear_moving([&](FrameId id) { return store_->writer_of(id).has_value(); });
     return commit.publish();
 }
 

@@ -222,6 +222,19 @@ struct ApplyOptions {
     std::span<const std::string_view> shared{};  // names that get no prefix
 };
 
+/// How a source's position changes without its commits, since its home is another one now.
+enum class Handover : std::uint8_t {
+    kFollow,   // the new home goes on exactly at the position
+    kRelease,  // this store is the home: its writers may write
+    kAdopt,    // this store was the home: what its writers stored is the source's, and read-only
+};
+
+struct HandedOver {
+    CommitNumber commit = 0;  // of this store, in which it happened
+    /// Whether this store had what the source has, and nothing else.
+    bool is_whole = false;
+};
+
 struct Applied {
     Position position;
     /// Frames of which the source's parent has replaced the one that a writer of this store gave.
@@ -535,6 +548,13 @@ public:
     /// be a state. Its frames stay until then. False: nothing was applied, and nothing changed.
     /// Throws as a write.
     bool forget_source(std::string_view source);
+    /// Sets the position of `to.source`, in one commit that does nothing else. None, and nothing
+    /// changed: the position is not at the epoch and commit of `from`. The commit of `to` counts
+    /// for kFollow alone: else it is this store's, for kAdopt the last one before the call. With
+    /// `from`, kAdopt changes only the store of a home, and kFollow only another one. Throws
+    /// as a write, and InvalidArgument where the store has other sources.
+    std::optional<HandedOver> hand_over(Handover how, const Position& to,
+                                        const std::optional<Position>& from = std::nullopt);
     /// Of all sources, in the order in which they came.
     [[nodiscard]] std::vector<Position> positions() const;
     /// The store's own, in which its commits are numbered.

@@ -125,6 +125,19 @@ void Positions::set(Record record, const Epoch& epoch, CommitNumber commit, std:
     word(record, slot + kValidFrom).store_release(committed + 1);
 }
 
+std::optional<std::string> Positions::owner(std::uint64_t number) const {
+    std::optional<std::string> found;
+    for_each([&](Record record) {
+        if (this->number(record) != number)
+            return true;
+        const auto position = this->position(record);
+        if (position && position->epoch != Epoch{} && position->choice != kReleased)
+            found = position->source;
+        return false;
+    });
+    return found;
+}
+
 void Positions::repair() {
     const CommitNumber committed = commit_.load_relaxed();
     for_each([&](Record record) {

@@ -22,6 +22,8 @@ namespace tfdb::store {
 class Positions {
 public:
     static constexpr std::uint64_t kMost = 1 << 16;
+    /// The choice of a position where this store became the source's home: local writers may write.
+    static constexpr std::uint64_t kReleased = ~std::uint64_t{0};
 
     /// `first`: the word of the region that leads to the list; `commit`: the newest commit.
     Positions(memory::Region& region, sync::Word& first, const sync::Word& commit)
@@ -36,6 +38,11 @@ public:
     /// The source's number, from 1 on, by which frames name it.
     [[nodiscard]] std::uint64_t number(Record record) const;
     [[nodiscard]] std::string prefix(Record record) const;
+    /// Whether nothing was ever applied.
+    [[nodiscard]] bool empty() const { return first_.load_relaxed() == 0; }
+    /// The source of that number, if only its commits may change what it wrote: it has a position,
+    /// and this store is not its home.
+    [[nodiscard]] std::optional<std::string> owner(std::uint64_t number) const;
     /// None: nothing of the source was applied. Its epoch is 0: the source was forgotten.
     [[nodiscard]] std::optional<Position> position(Record record) const;
     [[nodiscard]] std::vector<Position> all() const;

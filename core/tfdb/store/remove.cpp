@@ -127,6 +127,7 @@ CommitNumber commit_removal(Store& store, std::span<const std::string_view> name
         removal.refusals().raise(std::to_string(names.size()) + " frames");
     for (const FrameId id : removal.frames())
         commit.remove(id);
+    store.check_writable(commit);
     return commit.publish();
 }
 

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "tfdb/store/validate.hpp"
 #include "tfdb/store/waits.hpp"
 #include "tfdb/txn/repair.hpp"
 
@@ -186,7 +187,29 @@ Epoch Store::epoch() const {
 }
 
 StoreCommit Store::start_commit(std::string_view authority) {
-    return {frames, scratch, history, *this, authorities.id(authority)};
+    return {frames, scratch, history, *this, authorities.id(authority), local()};
+}
+
+std::optional<std::string> Store::remover_of(FrameId id) const {
+    if (positions.empty()) [[likely]]
+        return std::nullopt;
+    const std::uint64_t word = frames.word(id, history::kSource).load_relaxed();
+    auto found = owner(history::SourceWord::maker(word));
+    return found ? found : owner(history::SourceWord::writer(word));
+}
+
+void Store::check_writable(const StoreCommit& commit) const {
+    if (positions.empty()) [[likely]]
+        return;
+    commit.for_each_change([&](FrameId id, bool removed) {
+        if (const auto source = removed ? remover_of(id) : writer_of(id)) {
+            const std::string name = names.name(id);
+            ErrorDetail detail;
+            detail.frame = name;
+            detail.source = *source;
+            throw ReadOnly("frame " + quoted(name) + read_only_of(*source), std::move(detail));
+        }
+    });
 }
 
 bool Store::keeps_too_much() const {
@@ -250,7 +273,7 @@ void Store::repair() noexcept {
     txn::Repair<StoreMemory>(frames, history, *this).run();
     positions.repair();
     const CommitNumber newest = committed();
-    const std::uint64_t source = positions.source_of(newest);
+    const std::uint64_t source = positions.empty() ? local() : positions.source_of(newest);
     StoreFeed(frames).visit_newest(newest, [&](std::uint64_t note) {
         const FrameId id = txn::FeedNote::id(note);
         if (id < frames.count() && frames.alive(id, newest))

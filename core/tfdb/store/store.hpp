@@ -88,7 +88,13 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     /// Whether what no new read needs is more than may be kept.
     [[nodiscard]] bool keeps_too_much() const;
     /// Starts a commit. The caller holds the commit lock; no other writer is active.
-    [[nodiscard]] StoreCommit start_commit() { return {frames, scratch, history, *this}; }
+    /// Of a writer of this store, or of a source by its number.
+    [[nodiscard]] StoreCommit start_commit() {
+        return {frames, scratch, history, *this, 0, local()};
+    }
+    [[nodiscard]] StoreCommit start_commit_of(std::uint64_t source) {
+        return {frames, scratch, history, *this, 0, source};
+    }
     /// The same for samples of one authority. Throws CapacityExceeded.
     [[nodiscard]] StoreCommit start_commit(std::string_view authority);
     /// `author`: a result of `author_number`.
@@ -100,6 +106,21 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     [[nodiscard]] std::uint64_t author_number(std::string_view name) {
         return authorities.id(name);
     }
+    /// The source of a commit that a writer of this store makes: see txn::Commit.
+    [[nodiscard]] std::uint64_t local() const {
+        return positions.empty() ? history::SourceWord::kNoSources : 0;
+    }
+    /// The source that alone may write the samples of a frame's edge.
+    [[nodiscard]] std::optional<std::string> writer_of(FrameId id) const {
+        if (positions.empty()) [[likely]]
+            return std::nullopt;
+        const std::uint64_t word = frames.word(id, history::kSource).load_relaxed();
+        return owner(history::SourceWord::writer(word));
+    }
+    /// The source that alone may remove a frame: it made the frame, or wrote its samples.
+    [[nodiscard]] std::optional<std::string> remover_of(FrameId id) const;
+    /// Throws ReadOnly where the commit changes what belongs to a source.
+    void check_writable(const StoreCommit& commit) const;
     [[nodiscard]] history::Readers& readers() { return *this; }
     [[nodiscard]] std::string author_name(std::uint64_t number) const;
     /// The last writer of the frame.
@@ -122,6 +143,11 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     static constexpr std::uint64_t kOrphan = 1;
     static constexpr std::uint64_t kNamesLost = 2;  // a thread was using the names of authorities
     static constexpr unsigned kForksShift = 2;
+
+    /// As Positions::owner; also of 0, which is none.
+    [[nodiscard]] std::optional<std::string> owner(std::uint64_t number) const {
+        return number == 0 ? std::nullopt : positions.owner(number);
+    }
 
     /// A setting of the clock: time, since when, speed, and what it does.
     using ClockWords = sync::Published<4>;

@@ -124,6 +124,7 @@ void throw_if(ErrorCode code, const std::string& message, ErrorDetail& detail) {
     throw_if<ErrorCode::kCycle>(code, message, detail);
     throw_if<ErrorCode::kUnknownFrame>(code, message, detail);
     throw_if<ErrorCode::kFrameInUse>(code, message, detail);
+    throw_if<ErrorCode::kReadOnly>(code, message, detail);
     throw Error(code, message, std::move(detail));
 }
 
@@ -256,6 +257,8 @@ Fault fault_of_edge(const Store& store, FrameId child, const TransformView& tran
                     WriteRules rules) {
     if (is_storable(store, child, transform, is_static, rules))
         return std::nullopt;
+    if (const auto source = store.writer_of(child))
+        return read_only(transform, index, *source, authority);
     const history::EdgeWriter<StoreMemory> edge(store.frames.memory(), store.frames.header(child));
     if (changes_kind(edge, is_static))
         return static_conflict(transform, index, is_static, authority,
@@ -282,6 +285,22 @@ Error static_conflict(const TransformView& transform, std::size_t index, bool is
                                          : "moving, but the edge is static") +
                               ": remove frame " + quoted(transform.child) + " first" + other_way,
                           std::move(detail));
+}
+
+std::string read_only_of(std::string_view source) {
+    return " is read-only here: it comes from source " + quoted(source) + ". forget_source(" +
+           quoted(source) + ") makes it writable";
+}
+
+Error read_only(const TransformView& transform, std::size_t index, std::string_view source,
+                std::string_view authority) {
+    ErrorDetail detail = detail_of(transform, index, authority);
+    detail.stamp = transform.stamp;
+    detail.frame = transform.child;
+    detail.source = source;
+    return ReadOnly(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
+                        " was refused: frame " + quoted(transform.child) + read_only_of(source),
+                    std::move(detail));
 }
 
 Error repeated_stamp(const TransformView& transform, std::size_t index,

@@ -40,6 +40,8 @@ using Fault = std::optional<Error>;
 [[nodiscard]] inline bool is_storable(const Store& store, FrameId child,
                                       const TransformView& transform, bool is_static,
                                       WriteRules rules) {
+    if (store.writer_of(child)) [[unlikely]]
+        return false;
     const history::EdgeWriter<StoreMemory> edge(store.frames.memory(), store.frames.header(child));
     if (changes_kind(edge, is_static))
         return rules.change_kind;
@@ -59,10 +61,13 @@ using Fault = std::optional<Error>;
 void check_may_exist(std::string_view name, const char* what);
 /// Throws InvalidName where the question has a name that no frame can ever have.
 void check_may_exist(const Question& question);
-/// Judges a sample against its edge: StaticConflict, TooOld, RepeatedStamp.
+/// Judges a sample against its edge: ReadOnly, StaticConflict, TooOld, RepeatedStamp.
 [[nodiscard]] Fault fault_of_edge(const Store& store, FrameId child, const TransformView& transform,
                                   std::size_t index, bool is_static, std::string_view authority,
                                   WriteRules rules);
+/// `source`: from which the edge's samples come.
+[[nodiscard]] Error read_only(const TransformView& transform, std::size_t index,
+                              std::string_view source, std::string_view authority);
 [[nodiscard]] Error repeated_stamp(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
 /// `other_way`: what the message says after the way that always works.
@@ -114,6 +119,9 @@ private:
 /// one that would lie inside if it were seconds or counted from the first sample, one that would
 /// lie near the newest sample if that were seconds, and, in a lookup, 0. Empty for all others.
 std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest);
+
+/// What a message says of a frame that belongs to a source.
+std::string read_only_of(std::string_view source);
 
 /// A frame name as it may stand in a message: quoted, cut when long, control characters escaped.
 std::string quoted(std::string_view name);

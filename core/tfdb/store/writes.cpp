@@ -197,7 +197,7 @@ bool store_columns(Store& store, const EdgeColumns& columns, std::string_view au
         child = commit.frame(names.child);
     }
     const history::EdgeWriter<StoreMemory> edge(store.frames.memory(), store.frames.header(child));
-    if (parent == child || changes_kind(edge, false))
+    if (parent == child || changes_kind(edge, false) || store.writer_of(child))
         return false;
     (void)commit.touch(child);
     Rows rows(columns);

@@ -43,7 +43,7 @@ struct CommitScratch {
 };
 
 /// Notes in a frame's header, after the commit, its maker and the writer of its samples. `what`: of
-/// its note; `author` and `source` by their numbers.
+/// its note; `author` and `source` by their numbers, `source` as in `Commit`.
 template <class Memory>
 void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, bool has_samples,
                 std::uint64_t author, std::uint64_t source) {
@@ -54,14 +54,15 @@ void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, 
     if (auto& last = frames.word(id, history::kAuthority);
         names_author && last.load_relaxed() != author)
         last.store_relaxed(author);
-    if (source == 0) [[likely]]
-        return;
     using history::SourceWord;
+    if (source == SourceWord::kNoSources) [[likely]]
+        return;
     auto& word = frames.word(id, history::kSource);
     const std::uint64_t before = word.load_relaxed();
     const bool made = (what & FeedNote::kMade) != 0;
-    word.store_relaxed(SourceWord::pack(made ? source : SourceWord::maker(before),
-                                        has_samples ? source : SourceWord::writer(before)));
+    const bool cleared = (what & FeedNote::kCleared) != 0;
+    const std::uint64_t writer = has_samples ? source : cleared ? 0 : SourceWord::writer(before);
+    word.store_relaxed(SourceWord::pack(made ? source : SourceWord::maker(before), writer));
 }
 
 /// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
@@ -72,16 +73,19 @@ template <class Memory>
 class Commit {
 public:
     /// `readers` is asked only when a segment is full or a slot is to be reused, and outlives it.
-    /// `author`: as in `set_author`.
+    /// `author`: as in `set_author`. `source`: the number of the source that all of it comes from,
+    /// 0 for a writer of this store, or kNoSources: see history::SourceWord.
     Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
-           history::Readers& readers, std::uint64_t author = 0)
+           history::Readers& readers, std::uint64_t author = 0,
+           std::uint64_t source = history::SourceWord::kNoSources)
         : frames_(frames),
           names_(frames),
           scratch_(scratch),
           context_(frames.store_word(graph::kCommit).load_relaxed(), history, readers),
           readers_(readers),
           feed_(frames, context_.committed),
-          author_(author) {
+          author_(author),
+          source_(source) {
         if (context_.committed >= kMaxCommit - 1) {
             throw CapacityExceeded("the store has used up its commit numbers: start a new one");
         }
@@ -107,8 +111,16 @@ public:
 
     /// The number of the authority of the samples whose frames are touched from now on.
     void set_author(std::uint64_t author) { author_ = author; }
-    /// The number of the source that all of it comes from: see history::SourceWord.
-    void set_source(std::uint64_t source) { source_ = source; }
+
+    /// Calls visit(id, removed) for each frame whose samples it changes, or that it removes.
+    template <class Visit>
+    void for_each_change(Visit visit) const {
+        for (const Touched& touched : scratch_.touched) {
+            const bool removed = (touched.what & FeedNote::kRemoved) != 0;
+            if (removed || touched.written)
+                visit(touched.id, removed);
+        }
+    }
 
     /// The frame of that name as this commit sees it, or kNoFrame.
     [[nodiscard]] FrameId find_frame(std::string_view name) const {
@@ -490,7 +502,7 @@ private:
     history::Readers& readers_;
     FeedWriter<Memory> feed_;
     std::uint64_t author_;
-    std::uint64_t source_ = 0;
+    std::uint64_t source_;
     unsigned what_ = 0;  // happened to any frame: clears and removals
     bool published_ = false;
     bool depths_stale_ = false;  // a frame with children got another parent

@@ -141,8 +141,8 @@ template <class Memory>
     return {};
 }
 
-/// The session is alone and what was read still holds. `Store` starts commits and numbers
-/// authorities: `author_number(name)` may throw.
+/// The session is alone and what was read still holds. `Store` starts commits, numbers authorities
+/// and judges commits: `author_number(name)` and `check_writable(commit)` may throw.
 template <class Memory, class Store>
 [[nodiscard]] CommitOutcome commit_alone(const WriteSet<Memory>& writes, Store& store) {
     CommitOutcome outcome;
@@ -152,6 +152,7 @@ template <class Memory, class Store>
     Commit<Memory> commit = store.start_commit();
     ApplyWrites<Memory> applied(commit, writes, authors);
     applied.apply();
+    store.check_writable(commit);
     Cycle cycle;
     if (commit.cycles().find(cycle)) {
         outcome.kind = CommitOutcome::kCycle;

@@ -24,6 +24,7 @@ public:
           history(forest.history),
           forest_(forest),
           before_commit_(std::move(before_commit)) {}
+    static void check_writable(const Commit<ForestMemory>& /*commit*/) {}
     [[nodiscard]] Commit<ForestMemory> start_commit() {
         before_commit_();
         return {forest_.frames, forest_.scratch, forest_.history, forest_};

@@ -36,6 +36,11 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Publish also if the namespace has a home, which then stops.",
 )
+@click.option(
+    "--keep-lost",
+    metavar="FILE",
+    help="If a later home takes over: write the commits that it lacks to this new file.",
+)
 @network_options
 @common.json_lines_option
 def command(
@@ -44,6 +49,7 @@ def command(
     name: str,
     max_delay: int,
     take_over: bool,
+    keep_lost: str | None,
     connect: tuple[str, ...],
     listen: tuple[str, ...],
     config: str | None,
@@ -65,7 +71,12 @@ def command(
     with (
         connected(connect, listen, config) as session,
         publish(
-            store, name, session=session, max_delay=max_delay / NS, take_over=take_over
+            store,
+            name,
+            session=session,
+            max_delay=max_delay / NS,
+            take_over=take_over,
+            keep_lost=keep_lost,
         ) as home,
     ):
         if not as_json:

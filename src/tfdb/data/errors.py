@@ -400,7 +400,9 @@ class CorruptStore(TfdbError):
 class ReadOnly(TfdbError):
     """The store is frozen, was opened for reading only, or its permissions forbid writing.
 
-    Field: path.
+    Or a frame comes from another store, by `apply` or a mirror: only this source may write it.
+    Fields: path; or frame and source (its name here), and for a sample edge (the frame), parent,
+    stamp, authority, index, refused.
     """
 
 

@@ -19,14 +19,19 @@ from tfdb.data.errors import (
     TfdbError,
     WatchClosed,
 )
+from tfdb.data.new_file import new_file, refuse_existing
+from tfdb.data.path_checks import check_path
 
 from .events import EventLog, NetEvents
 from .link import Token, check_network_name
-from .messages import NONE, Head, message_of
+from .messages import Head, in_epoch, message_of
 from .sending import Sender, epoch_for
+from .sending import take_over as take_over_store
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Iterator
+    from pathlib import Path
     from typing import Literal
 
     from tfdb._core import Buffer, Watch
@@ -34,6 +39,7 @@ if TYPE_CHECKING:
 
     from .link import Declared, Link
     from .messages import Question
+    from .sending import Origin
     from .session import Session
 
 _HEADS = 0.5
@@ -42,6 +48,7 @@ _UNSEEN = 2.0
 """Seconds in which the own token of a home must come back to it."""
 _LOOK = 0.01
 """Seconds between two looks where this process may not wait for commits."""
+_ALL = 1 << 30
 _LAST_WORD = 2.0
 """Seconds in which a home that stops waits to hear where the later one began."""
 
@@ -77,14 +84,15 @@ class Home(Closable):
         epoch: Epoch,
         *,
         max_delay: float = 0.0,
-        previous: Epoch = NONE,
-        fork: int = 0,
+        origin: Origin | None = None,
+        keep_lost: Path | None = None,
         owned: Link | None = None,
     ) -> None:
         self._buffer, self._name, self._link, self._owned = buffer, name, link, owned
         self._delay = max_delay
         self._log = EventLog(name)
-        self._sender = Sender(buffer, epoch, previous, fork)
+        self._sender = Sender(buffer, epoch, *([] if origin is None else [origin]))
+        self._keep_lost = keep_lost
         self._state: Literal["publishing", "fenced", "ended", "closed"] = "publishing"
         self._error: BaseException | None = None
         self._commits = self._messages = self._bytes = self._answers = self._failed = 0
@@ -224,7 +232,10 @@ class Home(Closable):
             self._watch.next(self._sender.commit, left, limit=1)
 
     def _step_down(self, later: Epoch) -> None:
-        """Another home is there: note which commits it lacks."""
+        """Another home is there: note which commits it lacks, and refuse local writes.
+
+        A message of that home is the proof: only what may publish can make a store read-only.
+        """
         self._leave()  # before others see the state: a home may begin at once
         self._state = "fenced"
         heard: list[Head] = []
@@ -240,17 +251,37 @@ class Home(Closable):
         hearing = self._link.hear(self._name, take)
         came.wait(_LAST_WORD)
         hearing.undeclare()
-        after = self.epoch, self._buffer.commit
-        text = (
-            f"a later home is there, or was ({later.number}): this one stopped at commit {after[1]}"
-        )
-        if heard and heard[0].previous == self.epoch:
-            fork = heard[0].fork
-            if fork < after[1]:
-                text += f"; the commits after {fork} are in this store alone"
-            self._log.add("fenced", text, (self.epoch, fork), after)
-        else:
-            self._log.add("fenced", text, None, after)
+        fork = heard[0].fork if heard and heard[0].previous == self.epoch else None
+        text = self._end_writes() if heard else "It was not heard: the store stays writable"
+        commit = self._buffer.commit
+        found = [each for each in self._buffer.positions() if each.source == self._name]
+        if found and found[0].epoch == self.epoch:
+            commit = found[0].commit
+        if fork is not None and fork < commit:
+            text = f"the commits after {fork} are in this store alone. {self._keep(fork)}{text}"
+        text = f"a later home is there, or was ({later.number}). This one stopped at commit {commit}. {text}"
+        before = None if fork is None else (self.epoch, fork)
+        self._log.add("fenced", text, before, (self.epoch, commit))
+
+    def _end_writes(self) -> str:
+        """Let local writers be refused, as in a mirror; say what became of it."""
+        try:
+            self._buffer._hand_over(self._name, "adopt", self.epoch)
+        except TfdbError as error:  # such as a frozen store, or one with other sources
+            return f"The store stays as it is: {error}"
+        return "Its frames are read-only"
+
+    def _keep(self, fork: int) -> str:
+        """Write the lost commits to the file that was asked for; say what became of it."""
+        if self._keep_lost is None:
+            return ""
+        try:
+            data = self._buffer.commits_bytes(fork, max_commits=_ALL, max_bytes=_ALL)
+            with new_file(self._keep_lost) as path:
+                path.write_bytes(in_epoch(data, self.epoch))
+        except (OSError, TfdbError) as error:
+            return f"They could not be written: {error}. "
+        return f"{self._keep_lost} has them. "
 
     def _leave(self) -> None:
         for each in reversed(self._declared):
@@ -296,6 +327,7 @@ def publish(
     session: Session | None = None,
     max_delay: float = 0.002,
     take_over: bool = False,
+    keep_lost: str | os.PathLike[str] | None = None,
 ) -> Home:
     """Publish the commits of a store: mirrors in other processes and machines apply them.
 
@@ -317,6 +349,9 @@ def publish(
         commit after a pause never waits.
     take_over
         Publish also if the namespace has a home, which then stops.
+    keep_lost
+        A new file. If a mirror of this home is promoted, and this home then stops, it gets the
+        commits that the later home lacks, as bytes for `apply`. None: no file.
 
     Returns
     -------
@@ -330,7 +365,8 @@ def publish(
     InvalidName
         No namespace can have the name.
     InvalidArgument, TypeError
-        A value that a parameter does not take; no epoch is later than one that is announced.
+        A value that a parameter does not take, such as a file of `keep_lost` that exists; no epoch
+        is later than one that is announced.
     NotSupported
         PyPI's eclipse-zenoh is not installed, or the buffer's engine keeps no feed.
     ConnectionError
@@ -340,11 +376,24 @@ def publish(
     name = check_network_name(name)
     delay = duration_to_nanoseconds(max_delay, "max_delay") / 1e9
     take_over = check_flag("take_over", take_over)
+    lost = None
+    if keep_lost is not None:
+        lost = check_path(keep_lost)
+        refuse_existing(lost, overwrite=False)
     buffer.commits_bytes(buffer.commit)  # refuses an engine without a feed
     with link_of(session) as (link, owned):
         seen = _seen(link, name, take_over=take_over)
         epoch = epoch_for(buffer, name, seen)
-        return Home(buffer, name, link, epoch, max_delay=delay, owned=owned)
+        return Home(
+            buffer,
+            name,
+            link,
+            epoch,
+            max_delay=delay,
+            origin=take_over_store(buffer, name, epoch),
+            keep_lost=lost,
+            owned=owned,
+        )
 
 
 def _seen(link: Link, name: str, *, take_over: bool) -> list[Epoch]:

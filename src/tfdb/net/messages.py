@@ -21,7 +21,7 @@ MOST_NUMBER = 1 << 63
 """Numbers of epochs are below: each has a greater one."""
 _MOST_COMMIT = 1 << 44
 _FRONT = struct.Struct("<4sBBHQ16s")
-_HEAD = struct.Struct("<QQ16sQ")
+_HEAD = struct.Struct("<QQ16sQQ")
 _PART = struct.Struct("<QII")
 _SUM = struct.Struct("<I")
 FRONT = _FRONT.size
@@ -57,6 +57,8 @@ class Head(NamedTuple):
     previous: Epoch
     """The epoch from whose commit `fork` it went on, or `NONE`."""
     fork: int
+    begin: int = 0
+    """The commit of its own at which it had exactly that state. 0: it had more, or none."""
 
 
 class Part(NamedTuple):
@@ -81,17 +83,22 @@ class Question(NamedTuple):
     """The latest that it knows."""
     since: int | None
     """It wants the commits after this one. None: a state."""
+    of: Epoch = NONE
+    """The epoch of that commit."""
 
     def __str__(self) -> str:
         text = f"epoch={epoch_text(self.epoch)}"
-        return text if self.since is None else f"since={self.since};{text}"
+        return text if self.since is None else f"since={self.since};of={epoch_text(self.of)};{text}"
 
 
-def question_of(since: str | None, epoch: str | None) -> Question:
+def question_of(since: str | None, of: str | None, epoch: str | None) -> Question:
     """Read a question. Raises ValueError for what is none."""
-    if since is not None and not (since.isascii() and since.isdecimal() and len(since) < 16):
+    latest = epoch_of_text(epoch or "")
+    if since is None:
+        return Question(latest, None)
+    if not (since.isascii() and since.isdecimal() and len(since) < 16):
         raise ValueError(f"since={since!r} is not the number of a commit")
-    return Question(epoch_of_text(epoch or ""), None if since is None else int(since))
+    return Question(latest, int(since), epoch_of_text(of or ""))
 
 
 def epoch_text(epoch: Epoch) -> str:
@@ -116,7 +123,8 @@ def _checked(epoch: Epoch) -> Epoch:
 def head_bytes(head: Head) -> bytes:
     """Write what a home says of itself."""
     before = head.previous
-    return _sealed(HEAD, head.epoch, _HEAD.pack(head.commit, before.number, before.id, head.fork))
+    body = _HEAD.pack(head.commit, before.number, before.id, head.fork, head.begin)
+    return _sealed(HEAD, head.epoch, body)
 
 
 def state_messages(epoch: Epoch, commit: int, state: bytes, limit: int = LIMIT) -> list[bytes]:
@@ -183,10 +191,10 @@ def _numbers(data: bytes) -> tuple[int, int]:
 def _head(epoch: Epoch, data: bytes) -> Head:
     if len(data) != _FRONT.size + _HEAD.size + 4:
         raise ValueError("a head has another size")
-    commit, number, ident, fork = _HEAD.unpack_from(data, _FRONT.size)
-    if max(commit, fork) >= _MOST_COMMIT:
+    commit, number, ident, fork, begin = _HEAD.unpack_from(data, _FRONT.size)
+    if max(commit, fork, begin) >= _MOST_COMMIT:
         raise ValueError("a commit is beyond 2^44")
-    return Head(epoch, commit, _checked(Epoch(number, ident)), fork)
+    return Head(epoch, commit, _checked(Epoch(number, ident)), fork, begin)
 
 
 def _part(epoch: Epoch, data: bytes) -> Part:

@@ -17,7 +17,7 @@ from .home import Home, link_of
 from .link import Token, check_network_name
 from .messages import NONE
 from .receiving import Receiver
-from .sending import epoch_after
+from .sending import epoch_after, step_back, take_over
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -213,18 +213,10 @@ class Mirror(Closable):
         self._stop()
         known = [each.epoch for each in tokens]
         epoch = epoch_after(max([*known, self._receiver.known]))
-        position = self._receiver.position
-        previous, fork = (NONE, 0) if position is None else (position.epoch, position.commit)
+        origin = take_over(self._buffer, self._name, epoch)
         owned, self._owned = self._owned, None
         return Home(
-            self._buffer,
-            self._name,
-            self._link,
-            epoch,
-            max_delay=delay,
-            previous=previous,
-            fork=fork,
-            owned=owned,
+            self._buffer, self._name, self._link, epoch, max_delay=delay, origin=origin, owned=owned
         )
 
     def _check_promotion(self, *, force: bool) -> None:
@@ -401,10 +393,14 @@ def mirror(
         No namespace can have the name.
     TypeError
         A value that a parameter does not take.
+    InvalidArgument
+        The store is that of the home itself.
     NotSupported
         PyPI's eclipse-zenoh is not installed.
     ConnectionError
         No router answers.
+    ReadOnly, LockTimeout
+        The store was the home of the namespace, and cannot be written.
     """
     refuse_without(into, "into", "a Buffer", "apply", "positions")
     name = check_network_name(name)
@@ -413,4 +409,8 @@ def mirror(
         check_name("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
     ]
     with link_of(session) as (link, owned):
+        homes = [each.epoch for each in link.tokens(name) if each.role == "home"]
+        if into.epoch in homes:
+            raise InvalidArgument(f"the store is that of the home of {name!r}: use another one")
+        step_back(into, name, homes)
         return Mirror(into, name, link, prefix=prefix, shared=names, owned=owned)

@@ -188,9 +188,9 @@ class Receiver:
         self.questions += 1
         self._asked = self._place()
         position = self.position
-        if position is None or position.epoch != self.known or self._wants_state:
+        if position is None or self._wants_state:
             return Question(self.known, None)
-        return Question(self.known, position.commit)
+        return Question(self.known, position.commit, position.epoch)
 
     def due(self, now: float) -> float:
         """Return in how many seconds `tick` or `question` is to be called."""
@@ -206,6 +206,7 @@ class Receiver:
             case Head():
                 self._head = message
                 self._note(message.commit)
+                self._pass_fork(message)
             case Commits():
                 self._note(message.last)
                 self._take_commits(message)
@@ -227,6 +228,24 @@ class Receiver:
             self._parts.clear()
             self._ask_at, self._pause = -math.inf, 0.0
             self._expected = None
+
+    def _pass_fork(self, head: Head) -> None:
+        """Go on in a later epoch without a state, if its home began exactly at the position."""
+        position = self.position
+        if position is None or not head.begin or self._wants_state:
+            return
+        if (position.epoch, position.commit) != (head.previous, head.fork):
+            return
+        source = self._options["source"]
+        try:
+            self._buffer._hand_over(source, "follow", head.epoch, head.begin, position)
+        except _ENDS:
+            raise
+        except TfdbError as error:  # a state brings it there
+            self._refuse(error)
+            self._wants_state = True
+        self._look_again()
+        self._apply_waiting()
 
     def _note(self, commit: int) -> None:
         self.newest = max(self.newest, commit)

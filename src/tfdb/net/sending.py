@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb.data.errors import FeedLapped, Gone, InvalidArgument
 from tfdb.data.sample_heads import numbers_of
@@ -48,18 +48,58 @@ def epoch_after(latest: Epoch) -> Epoch:
     return Epoch(number, os.urandom(16))
 
 
+class Origin(NamedTuple):
+    """Where the commits of a home begin."""
+
+    previous: Epoch = NONE
+    """The epoch from which it goes on."""
+    fork: int = 0
+    """The commit of that epoch."""
+    begin: int = 0
+    """The home's own commit with exactly that state. 0: it had more, or goes on from none."""
+
+
+_NOWHERE = Origin()
+
+
+def take_over(buffer: Buffer, source: str, epoch: Epoch) -> Origin:
+    """Let a store be a home's: if it was a mirror's, its writers may write now.
+
+    Raises as a write.
+    """
+    while True:
+        found = (each for each in buffer.positions() if each.source == source)
+        position = next(found, None)
+        if position is None:
+            return Origin()
+        done = buffer._hand_over(source, "release", epoch, from_=position)
+        if done is not None:  # else another process applied meanwhile
+            commit, is_whole = done
+            return Origin(position.epoch, position.commit, commit if is_whole else 0)
+
+
+def step_back(buffer: Buffer, source: str, homes: Iterable[Epoch]) -> None:
+    """Make the store of a promoted home, which is not one of `homes` now, that of a mirror again.
+
+    Raises as a write.
+    """
+    for each in buffer.positions():
+        if each.source == source and each.epoch not in homes:
+            buffer._hand_over(source, "adopt", each.epoch, from_=each)
+
+
 class Sender:
     """The home's half of the protocol.
 
     Threads: `answer` and `head` any, the rest one.
     """
 
-    def __init__(self, buffer: Buffer, epoch: Epoch, previous: Epoch = NONE, fork: int = 0) -> None:
+    def __init__(self, buffer: Buffer, epoch: Epoch, origin: Origin = _NOWHERE) -> None:
         self.epoch: Epoch = epoch
         self.lapped: int = 0
         """How many commits mirrors learn by a state: the feed had overrun the sender."""
         self._buffer = buffer
-        self._previous, self._fork = previous, fork
+        self._origin = origin
         self._is_own = epoch == buffer.epoch
         # No sample behind the position is gone: `_held` is of it or of a commit before it.
         self._held = buffer.snapshot()
@@ -93,17 +133,25 @@ class Sender:
 
     def head(self) -> bytes:
         """Return the message by which mirrors find that they miss commits."""
-        return head_bytes(Head(self.epoch, self.commit, self._previous, self._fork))
+        return head_bytes(Head(self.epoch, self.commit, *self._origin))
 
     def answer(self, question: Question) -> list[bytes]:
         """Return the messages that bring a mirror forth: commits where they suffice, or a state."""
-        if question.since is not None and question.epoch == self.epoch:
+        since = self._since(question)
+        if since is not None:
             with suppress(FeedLapped, Gone, InvalidArgument):
-                data = self._buffer.commits_bytes(question.since, max_commits=_ALL, max_bytes=LIMIT)
+                data = self._buffer.commits_bytes(since, max_commits=_ALL, max_bytes=LIMIT)
                 return [self.head(), *([self._sample(data)] if data else [])]
         with self._buffer.snapshot() as snap:
             state = self._sample(snap.state_bytes())
         return [self.head(), *state_messages(self.epoch, snap.commit, state)]
+
+    def _since(self, question: Question) -> int | None:
+        """Return the commit of this home at which the mirror is. None: at none."""
+        if question.of == self.epoch:
+            return question.since
+        is_at_fork = (question.of, question.since) == self._origin[:2]
+        return self._origin.begin or None if is_at_fork else None
 
     def close(self) -> None:
         """Let go of what is held for the mirrors."""

@@ -153,7 +153,7 @@ class ZenohLink:
     def _answer(self, query: zenoh.Query, answer: Callable[[Question], list[bytes]]) -> None:
         try:
             found = query.parameters
-            question = question_of(found.get("since"), found.get("epoch"))
+            question = question_of(*(found.get(each) for each in ("since", "of", "epoch")))
             for message in answer(question):
                 query.reply(query.key_expr, message)
         except (ValueError, zenoh.ZError):

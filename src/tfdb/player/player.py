@@ -180,6 +180,8 @@ class Player:
             raise Fenced(_TAKEN_OVER) from error
         finally:
             self._held.close()
+            if self._applied in self._store.positions():  # no other player's
+                self._store.forget_source(SOURCE)
             if self._has_clock:
                 self._clock.follow_system()
 
