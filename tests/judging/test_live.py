@@ -437,6 +437,28 @@ def test_a_clock_that_raises_ends_the_judgement_not_the_buffer(
             assert buf.expectations.drain(60)
 
 
+def test_a_clock_that_waits_for_another_thread_blocks_no_call_of_that_thread() -> None:
+    """No lock is held while the clock of a user is asked."""
+    asked, go_on = threading.Event(), threading.Event()
+    went_on: list[bool] = []
+
+    def clock() -> int:
+        if threading.current_thread().name == "tfdb expectations":
+            asked.set()
+            went_on.append(go_on.wait(60))
+        return START
+
+    buf = tfdb.Buffer(clock=clock)
+    with buf.expect("odom", "base", deadline=0.5) as installed:
+        assert asked.wait(60)
+        with buf.events(), buf.expect("odom", "arm"):
+            assert buf.expectations.active == []
+        go_on.set()
+        assert buf.expectations.drain(60)
+    assert installed.removed
+    assert all(went_on)
+
+
 def test_an_engine_without_a_feed_is_refused() -> None:
     with pytest.raises(NotSupported):
         tfdb.Buffer(concurrency="silo").expect("odom", "base", deadline=1)
@@ -587,7 +609,7 @@ def test_a_late_expectation_waits_from_then_on() -> None:
     now += 9 * S
     store.set_transform("odom", "base", now, (0, 0, 0))  # it is not read before the change
     edges = [Expectation("odom", "base", deadline=0.5), Expectation("odom", "arm")]
-    judge.change(tfdb.Expectations(edges))
+    judge.change(tfdb.Expectations(edges), now)
     assert judge.take(judge.read(0.0)) == []
     now += S + 1
     assert [event.kind for event in judge.take([])] == ["deadline", "missing"]

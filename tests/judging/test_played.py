@@ -78,5 +78,6 @@ def test_pauses_and_jumps_give_the_events_of_the_recording(drive: Path) -> None:
         clock.seek(START + 28 * S)
         clock.resume()
         reach(31)
+        found = told(events)  # the end of the player is another jump
     wanted["step", "base"] *= 2  # on both ways
-    assert told(events) == wanted | {("time-jump", ""): [True, False] * 2}
+    assert found == wanted | {("time-jump", ""): [True, False] * 2}

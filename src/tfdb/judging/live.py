@@ -72,20 +72,29 @@ class LiveJudge:
         Counts the samples as well.
     judges
         Whether anything is expected: else samples are counted only.
+    now
+        What the clock shows. None: it is asked.
     """
 
     def __init__(
-        self, live: Followed, judge: Judge, *, rates: Rates | None = None, judges: bool = True
+        self,
+        live: Followed,
+        judge: Judge,
+        *,
+        rates: Rates | None = None,
+        judges: bool = True,
+        now: int | None = None,
     ) -> None:
         self.judge = judge
         self._live, self._rates, self._judges = live, rates, judges
         self._passing = None if live.clock is None else _Passing(live.clock)
-        self._looked = live.now()
+        self.looked: int = live.now() if now is None else now
+        """What the clock showed when it was asked last."""
         self._missed = 0
         with live.store.snapshot() as state:
             live.commit = state.commit
             self._follower = Follower(live)
-            held = held_rows(judge, state, self._looked)
+            held = held_rows(judge, state, self.looked)
         if rates is not None:
             rates.add(held.at(held.static))
         self.begun: list[Event] = judge.feed_held(held) if judges else []
@@ -110,10 +119,12 @@ class LiveJudge:
             min(until, now + min(left + _PAST, _LONGEST)), now + left - _EARLY
         )
 
-    def take(self, stretches: Sequence[Stretch]) -> list[Event]:
-        """Judge commits that were read, and the time until now."""
-        now, ahead = self._look()
-        since, self._looked = self._looked, now
+    def take(
+        self, stretches: Sequence[Stretch], look: tuple[int, int] | None = None
+    ) -> list[Event]:
+        """Judge commits that were read, and the time until now: until the look, if one is given."""
+        now, ahead = look or self.look()
+        since, self.looked = self.looked, now
         due = now if self._due is None else self._due
         is_late = since <= due < now - _DOUBT
         doubt = now - due if not ahead and max(since, now - _DOUBT) <= due < now else 0
@@ -151,13 +162,13 @@ class LiveJudge:
         self._due = self._next_due()
         return events
 
-    def _look(self) -> tuple[int, int]:
+    def look(self) -> tuple[int, int]:
         """Return what the clock shows, and how far it was set ahead since the last look."""
         return (self._live.now(), 0) if self._passing is None else self._passing.look()
 
-    def change(self, expectations: Expectations) -> None:
+    def change(self, expectations: Expectations, now: int) -> None:
         """Judge by other expectations from now on."""
-        self.judge.change(expectations, self._live.now())
+        self.judge.change(expectations, now)
         self._due = self._next_due()
 
     def _next_due(self) -> int | None:

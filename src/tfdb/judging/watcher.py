@@ -61,6 +61,9 @@ class _Source:
             watch.next(self.store.commit, 0, limit=1)  # it looks from its first call on
         return watch
 
+    def close(self) -> None:
+        self._watch.close()
+
     def wake(self) -> None:
         self._woken.set()
         old = self._watch
@@ -91,7 +94,8 @@ class _Source:
 class Watcher:
     """Judges one buffer by all that was installed.
 
-    The lock guards what comes and goes, and the judge. No callback runs under it.
+    The lock guards what comes and goes, and the judge. No code of users runs under it, nor a clock
+    of theirs.
     """
 
     def __init__(self, buffer: Buffer) -> None:
@@ -110,14 +114,15 @@ class Watcher:
 
     def add(self, installed: Installed) -> None:
         """Judge by further expectations from now on."""
-        self._buffer.watch(every=True).close()  # this refuses what cannot be followed
+        source = _Source(self._buffer)  # this refuses what cannot be followed
+        now = source.now()
         with self._lock:
             if self._live is not None:
-                self._change(self._live, [*self.installed, installed])
+                source.close()
+                self._change(self._live, [*self.installed, installed], now)
             else:
-                self._source = _Source(self._buffer)
-                judge = Judge(installed.expectations, self._source.now())
-                self._live = LiveJudge(self._source, judge)
+                self._source = source
+                self._live = LiveJudge(source, Judge(installed.expectations, now), now=now)
                 self._pending, self._error = self._live.begun, None
             self.installed.append(installed)
             installed._remove = self.remove
@@ -138,7 +143,7 @@ class Watcher:
             installed._remove = None
             self._enforce()
             if self._live is not None and self.installed:
-                self._change(self._live, self.installed)
+                self._change(self._live, self.installed, self._live.looked)
             else:
                 self._live = None
             self._wake()
@@ -197,8 +202,8 @@ class Watcher:
         enforced = any(each.enforce for each in self.installed)
         self._buffer._enforce(lifespans(parts) if enforced else [])
 
-    def _change(self, live: LiveJudge, installed: list[Installed]) -> None:
-        live.change(joined([each.expectations for each in installed]))
+    def _change(self, live: LiveJudge, installed: list[Installed], now: int) -> None:
+        live.change(joined([each.expectations for each in installed]), now)
 
     def _wake(self) -> None:
         if self._source is not None:
@@ -224,10 +229,11 @@ class Watcher:
                 return False
             newest, missed = self._buffer.commit, live.missed
         stretches = live.read(0.0 if asked > self._answered else math.inf)
+        look = live.look()
         with self._lock:
             if self._live is not live:
                 return True
-            events, self._pending = self._pending + live.take(stretches), []
+            events, self._pending = self._pending + live.take(stretches, look), []
         if live.missed > missed:
             text = "%d commits were missed: they come faster than they are read"
             LOGGER.warning(text, live.missed - missed)
