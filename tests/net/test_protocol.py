@@ -435,12 +435,12 @@ def test_a_mirror_of_a_later_home_asks_an_earlier_one_so_that_it_stops(home: Sen
     receiver.lose_home(later.epoch, 0.2)
     assert receiver.question(0.2) is None
     receiver.take(home.head(), 0.5)
-    assert receiver.question(0.5) == Question(later.epoch, 10)
+    assert receiver.question(0.5) == Question(later.epoch, 10, later.epoch)
     receiver.answered(0.5)
     assert receiver.question(5.0) is None
     again = new_mirror(into)
     assert again.question(6.0) is None
     again.take(home.head(), 6.0)
-    assert again.question(6.0) == Question(later.epoch, 10)
+    assert again.question(6.0) == Question(later.epoch, 10, later.epoch)
     assert again.state == "absent"
     later.close()

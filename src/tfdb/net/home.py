@@ -259,7 +259,8 @@ class Home(Closable):
             commit = found[0].commit
         if fork is not None and fork < commit:
             text = f"the commits after {fork} are in this store alone. {self._keep(fork)}{text}"
-        text = f"a later home is there, or was ({later.number}). This one stopped at commit {commit}. {text}"
+        text = f"this one stopped at commit {commit}. {text}"
+        text = f"a later home is there, or was ({later.number}): {text}"
         before = None if fork is None else (self.epoch, fork)
         self._log.add("fenced", text, before, (self.epoch, commit))
 
