@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import tfdb
-from tests.net.conftest import LONGEST, free_endpoint, memory_links, needs_zenoh
+from tests.net.conftest import LONGEST, memory_links
 from tests.recorder.reading import state_of
 from tests.test_changes import Writer, pose
 from tfdb.data.types import Epoch
@@ -257,17 +257,6 @@ def test_a_promoted_store_with_frames_of_its_own_sends_states(links: Links) -> N
         assert state_of(copy) == state_of(spare)
     for each in (other, home):
         each.close()
-
-
-@needs_zenoh
-def test_a_mirror_in_the_store_of_its_home_is_refused(store_name: str) -> None:
-    store = tfdb.Buffer.open(store_name)
-    with (
-        tfdb.net.Session(listen=free_endpoint()) as session,
-        publish(store, NAME, session=session),
-        pytest.raises(tfdb.InvalidArgument, match="is that of the home"),
-    ):
-        mirror(NAME, into=store, session=session)
 
 
 def list_events(events: NetEvents) -> list[Event]:

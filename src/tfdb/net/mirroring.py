@@ -393,8 +393,6 @@ def mirror(
         No namespace can have the name.
     TypeError
         A value that a parameter does not take.
-    InvalidArgument
-        The store is that of the home itself.
     NotSupported
         PyPI's eclipse-zenoh is not installed.
     ConnectionError
@@ -409,8 +407,5 @@ def mirror(
         check_name("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
     ]
     with link_of(session) as (link, owned):
-        homes = [each.epoch for each in link.tokens(name) if each.role == "home"]
-        if into.epoch in homes:
-            raise InvalidArgument(f"the store is that of the home of {name!r}: use another one")
-        step_back(into, name, homes)
+        step_back(into, name, [each.epoch for each in link.tokens(name) if each.role == "home"])
         return Mirror(into, name, link, prefix=prefix, shared=names, owned=owned)
