@@ -146,9 +146,7 @@ def answered(receiver: Receiver, sender: Sender, now: float) -> Question:
     """Ask what is due, and have it answered."""
     question = receiver.question(now)
     assert question is not None
-    for message in sender.answer(question):
-        receiver.take(message, now)
-    receiver.answered(now)
+    receiver.take_answer(sender.answer(question), now)
     return question
 
 
@@ -203,6 +201,41 @@ def test_a_head_shows_that_commits_were_lost(home: Sender) -> None:
     assert receiver.state == "catching up"
     answered(receiver, home, 0.5)
     assert (receiver.state, receiver.commits, receiver.states) == ("live", 2, 1)
+
+
+def test_a_false_head_is_forgotten_when_the_home_answers(home: Sender) -> None:
+    receiver = new_mirror()
+    receiver.take(home.head(), 0.0)
+    answered(receiver, home, 0.0)
+    false = messages.Head(home.epoch, 1 << 40, NONE, 0)
+    receiver.take(messages.head_bytes(false), 0.1)
+    assert receiver.state == "catching up"
+    assert answered(receiver, home, 0.1) == Question(home.epoch, 10)
+    assert (receiver.state, receiver.newest) == ("live", 10)
+    receiver.take(messages.head_bytes(false), 1.0)
+    question = receiver.question(1.0)
+    assert question is not None
+    answer = home.answer(question)
+    write(home._buffer, 2)
+    sent = home.next() or b""
+    receiver.take(messages.head_bytes(false._replace(commit=1 << 41)), 1.1)
+    receiver.take_answer(answer, 1.2)
+    assert receiver.state == "catching up", "that was heard after the question"
+    receiver.take(sent, 1.3)
+    answered(receiver, home, 5.0)
+    assert (receiver.state, receiver.newest) == ("live", 12)
+    receiver.take_answer([], 6.0)
+    assert receiver.state == "live"
+
+
+def test_parts_that_were_not_asked_for_are_not_kept(home: Sender) -> None:
+    receiver = new_mirror()
+    receiver.take(home.head(), 0.0)
+    for part in messages.state_messages(home.epoch, 11, b"x" * 300, limit=100)[:2]:
+        receiver.take(part, 0.0)
+    assert receiver._parts == {}
+    answered(receiver, home, 0.0)
+    assert receiver.position is not None
 
 
 def test_unanswered_questions_come_slower_and_slower(home: Sender) -> None:

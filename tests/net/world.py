@@ -19,6 +19,8 @@ from tfdb.net.receiving import Receiver
 from tfdb.net.sending import Sender, step_back, take_over
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from tfdb.net.messages import Question
 
 SOURCE = "robot1"
@@ -179,10 +181,13 @@ class World:
         elif kind == "token":
             (receiver.find_home if what[1] else receiver.lose_home)(what[0], self.now)
         else:
-            for each in what:
-                receiver.take(each, self.now)
-                self.check(node)
-            receiver.answered(self.now)
+            receiver.take_answer(self.each_checked(node, what), self.now)
+
+    def each_checked(self, node: Node, messages: list[bytes]) -> Iterator[bytes]:
+        """Give a mirror the messages of an answer, and check it after each."""
+        for each in messages:
+            yield each
+            self.check(node)
 
     def answer(self, asker: Node, life: int, question: Question) -> None:
         """Let all homes answer."""

@@ -321,9 +321,7 @@ class Mirror(Closable):
                 told = receiver.find_home if alive else receiver.lose_home
                 told(token.epoch, time.monotonic())
             while self._answers:
-                for message in self._answers.popleft():
-                    receiver.take(message, time.monotonic())
-                receiver.answered(time.monotonic())
+                receiver.take_answer(self._answers.popleft(), time.monotonic())
             self._feed()
             receiver.tick(time.monotonic())
             question = receiver.question(time.monotonic())

@@ -85,6 +85,8 @@ class Receiver:
         self._parts: dict[int, bytes] = {}
         self._parts_of: tuple[Epoch, int, int] | None = None
         self._asked: tuple[object, ...] | None = None
+        self._newest_asked = 0
+        """`newest` when it asked."""
         self._ask_at, self._pause = -math.inf, 0.0
         self._wants_state = False
         self._is_outdated = False
@@ -93,6 +95,17 @@ class Receiver:
         self._expected = self._front()
 
     # -- what it is fed ----------------------------------------------------------------------------
+
+    def take_answer(self, messages: Iterable[bytes], now: float) -> None:
+        """Take all messages of an answer. Raises what ends the mirror."""
+        before = self._head
+        for each in messages:
+            self.take(each, now)
+        head = None if self._head is before else self._head
+        # The home was asked after `newest` was heard: if it has less, another program sent that.
+        if head is not None and head.commit < self.newest == self._newest_asked:
+            self.newest = head.commit
+        self.answered(now)
 
     def take(self, data: bytes, now: float) -> None:
         """Take a message of the log, or of an answer. Raises what ends the mirror."""
@@ -186,7 +199,7 @@ class Receiver:
         if self._asked is not None or now < self._ask_at or not self._is_to_ask():
             return None
         self.questions += 1
-        self._asked = self._place()
+        self._asked, self._newest_asked = self._place(), self.newest
         position = self.position
         if position is None or self._wants_state:
             return Question(self.known, None)
@@ -277,6 +290,8 @@ class Receiver:
 
     def _take_part(self, part: Part) -> None:
         place = part.epoch, part.commit, part.parts
+        if self._asked is None:
+            return
         if self._parts_of is None or not self._parts or place > self._parts_of:
             self._parts, self._parts_of = {}, place
         if place != self._parts_of:
