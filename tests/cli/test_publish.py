@@ -136,10 +136,83 @@ def test_the_end_of_a_home_is_printed_once(names: tuple[str, str]) -> None:
     assert (len(out.splitlines()), said) == (1, "")
 
 
+@pytest.mark.parametrize("command", ["publish", "net"])
+def test_commands_wait_for_a_router_and_warn_once(bag: Path, command: str) -> None:
+    endpoint = free_endpoint()
+    arguments = {"publish": ("publish", bag, "--as", "robot1"), "net": ("net", "top")}[command]
+    waiting = Running(*arguments, "--connect", endpoint)
+    assert waiting.process.stderr is not None
+    warning = f"tfdb: warning: no Zenoh router at {endpoint} yet: it is tried again each second\n"
+    assert waiting.process.stderr.readline() == warning
+    with (
+        tfdb.net.Session(listen=endpoint) as session,
+        tfdb.net.mirror("robot1", into=tfdb.Buffer(), session=session) as mirror,
+    ):
+        if command == "publish":
+            mirror.wait_until_live(LONGEST)
+        else:
+            assert waiting.process.stdout is not None
+            assert json.loads(waiting.process.stdout.readline())["command"] == "net top"
+        waiting.process.send_signal(signal.SIGINT)
+        _, said = waiting.process.communicate(timeout=LONGEST)
+        assert (waiting.process.returncode, said) == (0, "")
+    waiting = Running(*arguments, "--connect", endpoint)
+    assert waiting.process.stderr is not None
+    assert waiting.process.stderr.readline() == warning
+    waiting.process.send_signal(signal.SIGINT)
+    _, said = waiting.process.communicate(timeout=LONGEST)
+    assert (waiting.process.returncode, said.strip()) == (130, "tfdb: stopped")
+
+
+def test_net_top_shows_homes_and_mirrors(tool: Tool, names: tuple[str, str]) -> None:
+    endpoint = free_endpoint()
+    source = tfdb.Buffer()
+    with (
+        tfdb.net.Session(listen=endpoint) as session,
+        tfdb.net.publish(source, "robot1", session=session) as home,
+        tfdb.net.mirror("robot1", into=tfdb.Buffer(), session=session) as mirror,
+    ):
+        source.set_transform("map", "base", 1, (1, 2, 3), (0, 0, 0, 1))
+        mirror.wait_until_live(LONGEST)
+        top = Running("net", "top", "--connect", endpoint, "--period", "0.1")
+        assert top.process.stdout is not None
+        for line in top.process.stdout:
+            look = json.loads(line)
+            if [each["state"] for each in look["found"]] == ["publishing", "live"]:
+                break
+            assert top.process.poll() is None
+        for line in top.process.stdout:
+            first, second = json.loads(line)["found"]
+            source.set_transform("map", "base", source.commit + 1, (1, 2, 3), (0, 0, 0, 1))
+            if first["bytes_per_second"] and second["bytes_per_second"]:
+                break
+        assert (first["name"], first["role"], second["role"]) == ("robot1", "home", "mirror")
+        assert first["epoch"] == {"number": home.epoch.number, "id": home.epoch.id.hex()}
+        assert second["stats"]["gaps"] == mirror.stats.gaps
+        code, _ = top.stop()
+        assert code == 0
+        text = tool("net", "top", "robot1", "--connect", endpoint, "--once").out
+        assert "1 home, 1 mirror" in text
+        assert "publishing" in text
+        assert home.epoch.id.hex()[:8] in text
+        text = tool("net", "top", "other", "--connect", endpoint, "--once").out
+        assert "no home and no mirror answers" in text
+    text = tool("net", "top", "a*", "--once", "--connect", endpoint, code=2).err
+    assert "'a*' is not the name of a namespace" in text
+    assert "--period must be positive" in tool("net", "top", "--period", "0", code=2).err
+
+
 def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
     endpoint = free_endpoint()
-    text = tool("publish", bag, "--as", "r", "--connect", endpoint, code=2).err
+    text = tool("net", "top", "--once", "--connect", endpoint, code=2).err
     assert f"no Zenoh router at {endpoint}" in text
+    for command in (
+        ("publish", bag, "--as", "r"), ("mirror", "r", "--into", names[1]), ("net", "top"),
+    ):  # fmt: skip
+        text = tool(*command, "--connect", "tcp/127.0.0.1", code=2).err
+        assert "got 'tcp/127.0.0.1': tcp/HOST:PORT is valid" in text
+        text = tool(*command, "--connect", "tpc/127.0.0.1:7447", code=2).err
+        assert "did you mean 'tcp'?" in text
     text = tool("mirror", "r*", "--into", names[1], "--connect", endpoint, code=2).err
     assert "'r*' is not the name of a namespace" in text
     text = tool("publish", "shm:nowhere", "--as", "r", "--listen", endpoint, code=2).err

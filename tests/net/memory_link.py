@@ -7,11 +7,13 @@ import threading
 from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
+from tfdb.net.link import ALL
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tfdb.net.link import Token
-    from tfdb.net.messages import Question
+    from tfdb.net.messages import Question, Role
 
 
 class Network:
@@ -105,14 +107,32 @@ class MemoryLink:
     def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
         """See `Link`."""
         made = self.declare(f"{name}/watchers", take)
-        for token in self.tokens(name):
+        for _, token in self.tokens(name):
             if token.role == "home":
                 self.network.calls.put(lambda token=token: take(token, True))
         return made
 
-    def tokens(self, name: str) -> list[Token]:
+    def tokens(self, name: str) -> list[tuple[str, Token]]:
         """See `Link`."""
-        return [each for link in self.reached() for each in link.declared[f"{name}/tokens"]]
+        return self.found(name, "tokens")
+
+    def report(self, name: str, role: Role, status: Callable[[], bytes]) -> Declared:
+        """See `Link`."""
+        return self.declare(f"{name}/statuses", status)
+
+    def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
+        """See `Link`."""
+        return [(where, status()) for where, status in self.found(name, "statuses")]
+
+    def found(self, name: str, kind: str) -> list[tuple[str, Any]]:
+        """What is declared of a kind, with its namespace."""
+        return [
+            (key.removesuffix(f"/{kind}"), each)
+            for link in self.reached()
+            for key, declared in list(link.declared.items())
+            if key == f"{name}/{kind}" or (name == ALL and key.endswith(f"/{kind}"))
+            for each in declared
+        ]
 
     def heal(self) -> None:
         """Mend a cut: tokens of both sides are seen again."""

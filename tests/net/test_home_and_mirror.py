@@ -15,7 +15,7 @@ from tests.recorder.reading import state_of
 from tests.test_changes import Writer, pose
 from tfdb.data.types import Epoch
 from tfdb.net.home import Home, publish
-from tfdb.net.link import Token, check_network_name, token_of
+from tfdb.net.link import Token, check_network_name, name_of, status_key, token_of
 from tfdb.net.messages import in_epoch
 from tfdb.net.mirroring import Mirror, mirror
 from tfdb.net.sending import epoch_after, epoch_for, step_back, take_over
@@ -34,7 +34,7 @@ NAME = "site/robot1"
 
 def new_home(buffer: tfdb.Buffer, link: Link, name: str = NAME, **options: Any) -> Home:
     """As `publish` makes it, on a link."""
-    epoch = epoch_for(buffer, name, [each.epoch for each in link.tokens(name)])
+    epoch = epoch_for(buffer, name, [token.epoch for _, token in link.tokens(name)])
     return Home(buffer, name, link, epoch, **options)
 
 
@@ -303,7 +303,7 @@ def test_a_home_that_began_before_its_mirrors_epoch_stops_and_begins_again(links
     ):
         event = wait_for(events, "fenced")
         assert (event.before, event.after) == (None, (home.epoch, 2))
-        assert [each.role for each in link.tokens(NAME)] == ["mirror"]
+        assert [token.role for _, token in link.tokens(NAME)] == ["mirror"]
         with new_home(source, link) as later:
             mirror.wait_until_live(LONGEST)
             assert later.epoch.number > 9
@@ -410,7 +410,7 @@ def test_a_missing_home(links: Links) -> None:
     with Mirror(tfdb.Buffer(), NAME, links()) as mirror:
         with pytest.raises(tfdb.WaitTimeout, match=r"is absent, not live, after 0\.01 s"):
             mirror.wait_until_live(0.01)
-        assert mirror.stats == (0, 0, 0, 0, 0, 0, 0)
+        assert mirror.stats == (0, 0, 0, 0, 0, 0, 0, 0)
         assert mirror.position is None
 
 
@@ -463,9 +463,9 @@ def test_wrong_arguments() -> None:
 
 def test_tokens() -> None:
     epoch = Epoch(12, bytes(range(16)))
-    for role in ("home", "mirror"):
-        token = Token(role, epoch)  # type: ignore[arg-type]
-        assert token_of(token.key("a/b", "owner")) == token
+    for token in (Token("home", epoch), Token("mirror", epoch, "owner")):
+        assert token_of(token.key("a/b")) == token
+        assert name_of(token.key("a/b")) == name_of(status_key("a/b", token.role)) == "a/b"
     for key in ("tfdb/1/a/log", "tfdb/1/a/@home/1", "tfdb/1/a/@home/x/" + "0" * 32, "", "/@x/1/2"):
         with pytest.raises(ValueError, match="is not"):
             token_of(key)

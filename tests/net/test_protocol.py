@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +17,16 @@ from tfdb.data.errors import InvalidArgument
 from tfdb.data.types import Epoch
 from tfdb.net import messages, receiving, sending
 from tfdb.net.events import EventLog
-from tfdb.net.messages import NONE, Question
+from tfdb.net.home import HomeStats
+from tfdb.net.messages import NONE, Question, Told
+from tfdb.net.mirroring import MirrorStats
 from tfdb.net.receiving import Receiver
 from tfdb.net.sending import Origin, Sender, epoch_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+STATS: Any = {"home": HomeStats, "mirror": MirrorStats}
 WORLDS = int(os.environ.get("TFDB_NET_WORLDS", "40"))
 
 
@@ -421,6 +425,80 @@ def test_sealed_messages_are_judged(kind: int, body: bytes, reason: str) -> None
         messages.message_of(messages._sealed(kind, Epoch(3, b"i" * 16), body))
     with pytest.raises(tfdb.errors.CorruptMessage, match=r"below 2\^63"):
         messages.message_of(messages._sealed(3, Epoch(1 << 63, bytes(16)), bytes(48)))
+
+
+def test_statuses_are_read_as_written_and_damaged_ones_are_refused() -> None:
+    assert {role: len(each._fields) for role, each in STATS.items()} == messages._COUNTS
+    for role, states in messages._STATES.items():
+        counts = tuple(range(len(STATS[role]._fields)))
+        for state in states:
+            told = Told(Epoch(3, b"i" * 16), role, state, "0f" * 8, 7, 9, 10**9, counts)  # type: ignore[arg-type]
+            whole = messages.status_bytes(told)
+            assert messages.status_of(whole) == told
+        for at in range(len(whole)):
+            broken = bytearray(whole)
+            broken[at] ^= 0x41
+            for data in (bytes(broken), whole[:at], whole + b"\0"):
+                with pytest.raises(tfdb.errors.CorruptMessage):
+                    messages.status_of(data)
+        with pytest.raises(tfdb.errors.CorruptMessage, match="unknown kind 5"):
+            messages.message_of(whole)
+
+
+def test_sealed_statuses_of_random_bytes_are_refused_or_valid() -> None:
+    draw = random.Random(5)
+    kept = 0
+    for _ in range(20_000):
+        role = draw.randrange(3)
+        front = bytes((role, draw.randrange(8))) + draw.randbytes(8)
+        numbers = [draw.getrandbits(draw.choice((8, 44, 45, 63, 64))) for _ in range(9 + 2 * role)]
+        body = front + b"".join(each.to_bytes(8, "little") for each in numbers)
+        data = messages._sealed(5, Epoch(3, b"i" * 16), body)
+        try:
+            told = messages.status_of(data)
+        except tfdb.errors.CorruptMessage:
+            continue
+        kept += 1
+        assert messages.status_bytes(told) == data
+        assert max(told.commit, told.newest) < 1 << 44
+    assert 20 < kept < 19_000
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        (b"\2\0" + bytes(80), "role 2, state 0"),
+        (b"\0\4" + bytes(80), "role 0, state 4"),
+        (bytes(88), "the status of a home has another size"),
+        (b"\1\0" + bytes(80), "the status of a mirror has another size"),
+        (bytes(10) + b"\xff" * 8 + bytes(64), "beyond 2\\^44"),
+        (bytes(74) + b"\xff" * 8, "beyond 2\\^63"),
+        (bytes(9), "requires a buffer"),
+    ],
+)
+def test_sealed_statuses_are_judged(body: bytes, reason: str) -> None:
+    with pytest.raises(tfdb.errors.CorruptMessage, match=reason):
+        messages.status_of(messages._sealed(5, Epoch(3, b"i" * 16), body))
+
+
+def test_gaps_and_the_time_since_commits_are_missing_are_counted(home: Sender) -> None:
+    receiver = new_mirror()
+    assert receiver.lacking_since is None
+    receiver.take(home.head(), 1.0)
+    assert (receiver.lacking_since, receiver.gaps) == (1.0, 0)
+    answered(receiver, home, 1.5)
+    assert receiver.lacking_since is None
+    write(home._buffer, 2)
+    home.next()
+    receiver.take(home.head(), 2.0)
+    assert (receiver.lacking_since, receiver.gaps) == (2.0, 1)
+    receiver.tick(2.5 + receiving.SILENCE)
+    assert (receiver.state, receiver.lacking_since) == ("stale", 2.0)
+    receiver.take(home.head(), 6.0)
+    answered(receiver, home, 6.0)
+    assert (receiver.state, receiver.lacking_since, receiver.gaps) == ("live", None, 2)
+    receiver.lose_home(home.epoch, 7.0)
+    assert (receiver.state, receiver.lacking_since) == ("stale", 6.0)
 
 
 def test_questions_and_epochs_as_text() -> None:

@@ -13,8 +13,11 @@ import tfdb.net
 from tests.net.conftest import LONGEST, free_endpoint, needs_zenoh
 from tests.net.test_home_and_mirror import wait_for, wait_for_commit
 from tests.net.test_session import listening
+from tests.net.test_status import ask_until, states
 from tests.recorder.reading import state_of
 from tests.test_changes import pose
+from tfdb.data.types import Epoch
+from tfdb.net.messages import Told, status_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -110,6 +113,42 @@ def test_a_reader_can_neither_send_commits_nor_be_a_home(authority: Authority) -
         source.set_transform("map", "base", 2, *pose(2))
         wait_for_commit(mirror, source.commit)
         assert (home.state, mirror.stats.refused, mirror.state) == ("publishing", 0, "live")
+
+
+def test_readers_ask_and_answer_for_mirrors_and_never_for_homes(authority: Authority) -> None:
+    import zenoh
+
+    endpoint = free_secure_endpoint()
+    allow: Any = {"reader": "read", "elsewhere": {"site/robot2": "read"}, "limited": {NAME: "read"}}
+    router = tfdb.net.secure(**authority.files("robot1"), listen=endpoint, allow=allow)
+    config = tfdb.net.secure(**authority.files("reader"), connect=endpoint)
+    false = Told(Epoch(1, b"x" * 16), "home", "publishing", "", 9, 9, 0, (0,) * 6)
+    with ExitStack() as stack:
+
+        def session(who: str) -> Any:
+            made = tfdb.net.secure(**authority.files(who), connect=endpoint)
+            return stack.enter_context(tfdb.net.Session(config=made))
+
+        here = stack.enter_context(tfdb.net.Session(config=router))
+        home = stack.enter_context(tfdb.net.publish(tfdb.Buffer(), NAME, session=here))
+        raw = stack.enter_context(zenoh.open(zenoh.Config.from_json5(json.dumps(config))))
+        key = f"tfdb/1/{NAME}/@home/status"
+        raw.declare_queryable(key, lambda query: query.reply(key, status_bytes(false)))
+        there = session("reader")
+        mirror = tfdb.net.mirror(NAME, into=tfdb.Buffer(), session=there)
+        stack.enter_context(mirror).wait_until_live(LONGEST)
+        for asking, name in (
+            (here, None),
+            (there, None),
+            (there, NAME),
+            (session("limited"), NAME),
+        ):
+            found = ask_until(asking, lambda found: len(found) > 1, name)
+            assert states(found) == [(NAME, "home", "publishing"), (NAME, "mirror", "live")]
+            assert {each.epoch for each in found} == {home.epoch}
+        for who in ("elsewhere", "nobody"):
+            denied = session(who)
+            assert tfdb.net.status(session=denied) == tfdb.net.status(NAME, session=denied) == []
 
 
 def test_a_home_behind_a_router_needs_to_write(authority: Authority) -> None:

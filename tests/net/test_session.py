@@ -5,6 +5,8 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from tests.net.conftest import LONGEST, free_endpoint, needs_zenoh
 from tests.net.test_home_and_mirror import wait_for, wait_for_commit
 from tests.recorder.reading import state_of
 from tests.test_changes import pose
+from tfdb.net.session import check_endpoints
 
 pytestmark = needs_zenoh
 NAME = "robot1"
@@ -213,6 +216,13 @@ def test_bytes_of_others_on_the_keys_are_refused() -> None:
         ({"connect": "10.0.0.1"}, "connect has endpoints such as tcp/127"),
         ({"listen": 7}, "is not iterable|listen has endpoints"),
         ({"listen": [7]}, "listen has endpoints such as tcp/127"),
+        ({"connect": "10.0.0.1"}, "PROTOCOL/HOST:PORT is valid, with one of tcp, tls"),
+        ({"connect": "tpc/10.0.0.1:1"}, "did you mean 'tcp'"),
+        ({"connect": "tcp/10.0.0.1"}, "tcp/HOST:PORT is valid, with a port from 1 to 65535"),
+        ({"connect": "tcp/10.0.0.1:0"}, "port from 1 to 65535"),
+        ({"connect": "tls/::1:7447"}, "tls/HOST:PORT is valid"),
+        ({"listen": "tcp/a:65536"}, "port from 1 to 65535"),
+        ({"wait": -1}, "wait"),
         ({"connect": "tcp/127.0.0.1:1", "config": "x.json5"}, "config is given without"),
     ],
 )
@@ -247,6 +257,31 @@ def test_a_router_that_is_not_there_and_an_endpoint_that_is_taken() -> None:
         tfdb.net.publish(tfdb.Buffer(), NAME, session=session)
     with pytest.raises(TypeError, match=r"session is a tfdb\.net\.Session"):
         tfdb.net.publish(tfdb.Buffer(), NAME, session=7)  # type: ignore[arg-type]
+
+
+def test_a_session_waits_for_a_router() -> None:
+    endpoint = free_endpoint()
+    began, told = threading.Event(), []
+
+    def note(text: str) -> None:
+        told.append(text)
+        began.set()
+
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(lambda: tfdb.net.Session(connect=endpoint, wait=LONGEST, on_wait=note))
+        assert began.wait(LONGEST)
+        with tfdb.net.Session(listen=endpoint), coming.result(LONGEST) as session:
+            assert session.link.tokens(NAME) == []
+            with pytest.raises(ConnectionError, match="the endpoint is taken"):
+                tfdb.net.Session(listen=endpoint, wait=None, on_wait=note)
+    with pytest.raises(ConnectionError, match=f"no Zenoh router at {endpoint}"):
+        tfdb.net.Session(connect=endpoint, wait=0.1, on_wait=note)
+    assert told == [f"no Zenoh router at {endpoint} yet: it is tried again each second"]
+
+
+def test_endpoints_that_are_valid() -> None:
+    valid = ["tcp/[::1]:7447", "tcp/localhost:1", "tcp/127.0.0.1:1#iface=lo", "serial//dev/ttyS0"]
+    assert check_endpoints("connect", valid, valid[0]) == valid
 
 
 def test_a_process_ends_that_closes_nothing() -> None:

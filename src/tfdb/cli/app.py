@@ -41,6 +41,7 @@ COMMANDS = {
     "play": "Play recordings into a shared store, with pause, step, seek and reverse.",
     "publish": "Publish a shared store or a file for other machines, until Ctrl-C.",
     "mirror": "Follow the store of another machine into a shared store, until Ctrl-C.",
+    "net": "Show the homes and mirrors of a network, their lag, gaps and traffic.",
     "serve": "Fill a shared store from a live graph, or from a file that grows.",
     "static-publisher": "Publish static transforms from arguments, a URDF or a recording.",
     "change-notifier": "Report and publish when one frame has moved relative to another.",

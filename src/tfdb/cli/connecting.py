@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from tfdb.net import Event, Home, Mirror, Session
-
-_PAUSE = 1.0
-"""Seconds until a router that was not there is tried again."""
 
 _OPTIONS = (
     click.option(
@@ -50,35 +46,29 @@ def network_options(function: Any) -> Any:
     return function
 
 
+def _warn(text: str) -> None:
+    output.say(f"tfdb: warning: {text}", err=True)
+
+
 @contextmanager
 def connected(
     connect: tuple[str, ...],
     listen: tuple[str, ...],
     config: str | None,
-    missing: Callable[[str], None] | None = None,
+    missing: Callable[[str], None] = _warn,
+    *,
+    wait: float | None = None,
 ) -> Iterator[Session]:
-    """Give the connection that the options say.
+    """Give the connection of the options.
 
-    With `missing` it waits for a router that is not there yet, and calls that once.
+    It waits for a router that is not there yet, and calls `missing` once.
     """
     from tfdb.net import Session  # noqa: PLC0415 - Zenoh is an extra
 
-    while True:
-        try:
-            session = Session(connect=connect, listen=listen, config=config)
-            break
-        except ConnectionError as error:
-            if missing is None or listen:  # or it cannot listen there
-                raise
-            missing(str(error))
-            missing = _do_nothing
-            time.sleep(_PAUSE)
-    with session:
+    with Session(
+        connect=connect, listen=listen, config=config, wait=wait, on_wait=missing
+    ) as session:
         yield session
-
-
-def _do_nothing(_: str) -> None:
-    """Say once what is missing."""
 
 
 def follow_events(command: str, what: Home | Mirror, *, as_json: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 import time
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -31,6 +30,7 @@ from . import common, layout, output
 from .expect import expect_option
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
+from .in_place import InPlace
 from .selecting import refuse_selection, selection_options
 from .times import NS, duration_option
 
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rich.console import RenderableType
-    from rich.live import Live as Place
     from rich.text import Text
 
     from tfdb._core import Reads
@@ -257,18 +256,13 @@ class Screen:
 
     def __init__(self, file: str, chain: tuple[str, str] | None, *, as_json: bool) -> None:
         self._file, self._chain, self._as_json = file, chain, as_json
-        self._place: Place | None = None
+        self._place = InPlace(as_json=as_json)
 
     def __enter__(self) -> Self:
-        if sys.stdout.isatty() and not self._as_json:
-            from rich.live import Live as Place  # noqa: PLC0415 - see `output`
-
-            self._place = Place(auto_refresh=False)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._place is not None:
-            self._place.stop()
+        self._place.close()
 
     def show(self, watch: Watch, now: int, missed: int) -> None:
         """Say what was seen."""
@@ -277,16 +271,7 @@ class Screen:
             return
         from rich.console import Group  # noqa: PLC0415 - see `output`
 
-        shown = Group(*self._parts(watch, now, missed))
-        out = layout.console()
-        if self._place is not None and out.measure(shown).maximum > self._place.console.width:
-            self.__exit__()  # in place, long names would be broken
-            self._place = None
-        if self._place is None:
-            out.print(shown)
-            return
-        self._place.start()
-        self._place.update(shown, refresh=True)
+        self._place.show(Group(*self._parts(watch, now, missed)))
 
     def _body(self, watch: Watch, now: int, missed: int) -> dict[str, Any]:
         rates = watch.rates
@@ -346,7 +331,8 @@ class Screen:
         place = {name: number for number, name in enumerate(depths)}
         names = sorted(frames, key=lambda name: place.get(name, -1))
         names.sort(key=lambda name: worst[name].rank if name in worst else _FINE)
-        shown = names if self._place is None else names[: self._place.console.height // 2]
+        height = self._place.height
+        shown = names if height is None else names[: height // 2]
         states = {name: (_mark(worst.get(name)),) if watch.judges else () for name in shown}
         yield layout.table(
             [_FRAMES[0], *([_STATE] if watch.judges else []), *_FRAMES[1:]],

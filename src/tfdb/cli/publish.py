@@ -60,9 +60,11 @@ def command(
     Example: tfdb publish shm:robot1 --as robot1 --listen tcp/127.0.0.1:7447
 
     'tfdb mirror NAME' on another machine follows them. A FILE, recording or frozen store, is
-    published as it is.
+    published as it is. The command waits for a router that is not there yet, unless it listens
+    itself.
 
-    Exit code: 0 by Ctrl-C, 1 if a later home took over, 2 on an error.
+    Exit code: 0 by Ctrl-C, 1 if a later home took over, 2 on an error, 130 by Ctrl-C while it waits
+    for a router.
     """
     from tfdb.net import publish  # noqa: PLC0415 - Zenoh is an extra
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .mirroring import Mirror, MirrorStats, mirror
     from .security import Access, secure
     from .session import Session
+    from .status import Status, status
 
 __all__ = [
     "Access",
@@ -25,9 +26,11 @@ __all__ = [
     "MirrorStats",
     "NetEvents",
     "Session",
+    "Status",
     "mirror",
     "publish",
     "secure",
+    "status",
 ]
 
 if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
@@ -39,5 +42,6 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
             "mirroring": ("Mirror", "MirrorStats", "mirror"),
             "security": ("Access", "secure"),
             "session": ("Session",),
+            "status": ("Status", "status"),
         },
     )

@@ -24,7 +24,7 @@ from tfdb.data.path_checks import check_path
 
 from .events import EventLog, NetEvents
 from .link import Token, check_network_name
-from .messages import Head, in_epoch, message_of
+from .messages import Head, Told, in_epoch, message_of, status_bytes
 from .sending import Sender, epoch_for
 from .sending import take_over as take_over_store
 
@@ -109,6 +109,7 @@ class Home(Closable):
             self._declared.append(publisher)
             self._declared.append(link.serve(name, self._answer))
             self._declared.append(link.watch(name, self._see))
+            self._declared.append(link.report(name, "home", self._report))
             self._declared.append(link.announce(name, Token("home", epoch)))
         except BaseException:
             self._leave()
@@ -306,6 +307,11 @@ class Home(Closable):
             if self._watch is not None:
                 self._watch.close()
 
+    def _report(self) -> bytes:
+        newest = max(self.commit, self._buffer.commit)
+        told = Told(self.epoch, "home", self._state, "", self.commit, newest, 0, self.stats)
+        return status_bytes(told)
+
     def _answer(self, question: Question) -> list[bytes]:
         self._meet(question.epoch)
         if self._state != "publishing" or self._later is not None:
@@ -399,7 +405,7 @@ def publish(
 
 def _seen(link: Link, name: str, *, take_over: bool) -> list[Epoch]:
     """Return the epochs of homes and mirrors. Refuses a namespace that has a home."""
-    tokens = link.tokens(name)
+    tokens = [token for _, token in link.tokens(name)]
     homes = [each.epoch for each in tokens if each.role == "home"]
     if homes and not take_over:
         text = f"{name!r} has a home, of epoch {max(homes).number}: close it, or pass "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from tfdb.data.errors import InvalidName
 from tfdb.data.stamps import shown
@@ -15,11 +15,13 @@ if TYPE_CHECKING:
 
     from tfdb.data.types import Epoch
 
-    from .messages import Question
+    from .messages import Question, Role
 
 _NAME = re.compile(r"[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*")
 _MOST = 255
 _ROOT = "tfdb/1"
+ALL = "**"
+"""Stands for all namespaces in a key."""
 CONNECT_MS = 3000
 """Milliseconds in which a router must answer."""
 
@@ -27,13 +29,15 @@ CONNECT_MS = 3000
 class Token(NamedTuple):
     """Says that a home, or a mirror that knows an epoch, is alive."""
 
-    role: Literal["home", "mirror"]
+    role: Role
     epoch: Epoch
+    owner: str = ""
+    """Tells mirrors apart. An epoch has one home, which has none."""
 
-    def key(self, name: str, owner: str) -> str:
-        """Return its key. `owner` tells mirrors apart; an epoch has one home."""
+    def key(self, name: str) -> str:
+        """Return its key."""
         number, ident = epoch_text(self.epoch).split("-")
-        behind = f"/{owner}" if self.role == "mirror" else ""
+        behind = f"/{self.owner}" if self.owner else ""
         return f"{_ROOT}/{name}/@{self.role}/{number}/{ident}{behind}"
 
 
@@ -43,7 +47,13 @@ def token_of(key: str) -> Token:
     role, *numbers = rest.split("/")
     if len(numbers) != {"home": 2, "mirror": 3}.get(role):
         raise ValueError(f"{key!r} is not the key of a home or a mirror")
-    return Token("home" if role == "home" else "mirror", epoch_of_text("-".join(numbers[:2])))
+    epoch = epoch_of_text("-".join(numbers[:2]))
+    return Token("home" if role == "home" else "mirror", epoch, "".join(numbers[2:]))
+
+
+def name_of(key: str) -> str:
+    """Return the namespace of the key of a token or a status."""
+    return key.removeprefix(f"{_ROOT}/").rpartition("/@")[0]
 
 
 def log_key(name: str) -> str:
@@ -56,9 +66,14 @@ def ask_key(name: str, *, state: bool) -> str:
     return f"{_ROOT}/{name}/{'state' if state else 'feed'}"
 
 
-def tokens_key(name: str, role: Literal["home", "mirror"]) -> str:
+def tokens_key(name: str, role: Role) -> str:
     """Return the key that all tokens of a role match."""
     return f"{_ROOT}/{name}/@{role}/**"
+
+
+def status_key(name: str, role: Role) -> str:
+    """Return the key on which homes or mirrors are asked for their status."""
+    return f"{_ROOT}/{name}/@{role}/status"
 
 
 def check_network_name(name: Any) -> str:
@@ -103,8 +118,20 @@ class Link(Protocol):
     def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
         """Call `take` with each home's token, also those that are there: whether it is alive."""
 
-    def tokens(self, name: str) -> list[Token]:
-        """Return the tokens that are there, of homes and mirrors."""
+    def tokens(self, name: str) -> list[tuple[str, Token]]:
+        """Return the tokens that are there, of homes and mirrors, with their namespaces.
+
+        `name` may be `ALL`.
+        """
+
+    def report(self, name: str, role: Role, status: Callable[[], bytes]) -> Declared:
+        """Answer who asks for the status; `status` must not wait."""
+
+    def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
+        """Return what homes and mirrors answer within `timeout` seconds, with their namespaces.
+
+        `name` may be `ALL`.
+        """
 
     def close(self) -> None:
         """End it."""

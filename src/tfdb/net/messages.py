@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from tfdb._core import crc32c
 from tfdb.data.errors import CorruptMessage
@@ -13,16 +13,19 @@ from tfdb.data.types import Epoch
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-COMMITS, STATE, HEAD, PART = 1, 2, 3, 4
+Role: TypeAlias = "Literal['home', 'mirror']"
+COMMITS, STATE, HEAD, PART, STATUS = 1, 2, 3, 4, 5
 LIMIT = 1 << 20
 """A message of commits, or a part of a state, has about so many bytes at most."""
 MOST_PARTS = 4096
 MOST_NUMBER = 1 << 63
 """Numbers of epochs are below: each has a greater one."""
 _MOST_COMMIT = 1 << 44
+_MOST_COUNT = 1 << 63
 _FRONT = struct.Struct("<4sBBHQ16s")
 _HEAD = struct.Struct("<QQ16sQQ")
 _PART = struct.Struct("<QII")
+_STATUS = struct.Struct("<BB8sQQQ")
 _SUM = struct.Struct("<I")
 FRONT = _FRONT.size
 """Each message begins with so many bytes, which are the same for all commits of an epoch."""
@@ -74,6 +77,33 @@ class Part(NamedTuple):
 
 
 Message: TypeAlias = "Commits | State | Head | Part"
+
+
+class Told(NamedTuple):
+    """What a home or a mirror says of itself when it is asked."""
+
+    epoch: Epoch
+    """The home's, or the latest that the mirror has heard of; `NONE`."""
+    role: Role
+    state: str
+    owner: str
+    """16 hexadecimal digits, which tell mirrors apart."""
+    commit: int
+    """The last that was sent, or applied."""
+    newest: int
+    """The last that the home has, as far as it is known."""
+    behind: int
+    """For how many nanoseconds the mirror has lacked commits."""
+    counts: tuple[int, ...]
+    """The `HomeStats` or `MirrorStats`."""
+
+
+_ROLES: tuple[Role, Role] = "home", "mirror"
+_STATES = {
+    "home": ("publishing", "fenced", "ended", "closed"),
+    "mirror": ("absent", "catching up", "live", "stale", "ended", "closed"),
+}
+_COUNTS = {"home": 6, "mirror": 8}
 
 
 class Question(NamedTuple):
@@ -157,19 +187,29 @@ def _with_sum(data: bytes) -> bytes:
     return data + _SUM.pack(crc32c(data))
 
 
+def status_bytes(told: Told) -> bytes:
+    """Write what a home or a mirror says when it is asked."""
+    role, state = _ROLES.index(told.role), _STATES[told.role].index(told.state)
+    owner = bytes.fromhex(told.owner or "00" * 8)
+    body = _STATUS.pack(role, state, owner, told.commit, told.newest, told.behind)
+    return _sealed(STATUS, told.epoch, body + struct.pack(f"<{len(told.counts)}Q", *told.counts))
+
+
+def status_of(data: bytes) -> Told:
+    """Read a status. Raises CorruptMessage."""
+    _, number, ident = _front(data, STATUS, STATUS)
+    try:
+        return _told(_checked(Epoch(number, ident)), data)
+    except (ValueError, struct.error) as error:
+        raise _corrupt(_FRONT.size, str(error)) from None
+
+
 def message_of(data: bytes) -> Message:
-    """Read a message. Raises CorruptMessage; commits and states are judged further by `apply`."""
-    if len(data) < _LEAST:
-        raise _corrupt(len(data), "it is cut short")
-    magic, version, kind, flags, number, ident = _FRONT.unpack_from(data)
-    if magic != b"TFDB":
-        raise _corrupt(0, "it does not begin with TFDB")
-    if version != 0:
-        raise _corrupt(4, f"version {version}: this program reads version 0")
-    if flags or not COMMITS <= kind <= PART:
-        raise _corrupt(5, f"unknown kind {kind}, flags {flags}")
-    if _SUM.unpack_from(data, len(data) - 4)[0] != crc32c(memoryview(data)[:-4]):
-        raise _corrupt(len(data) - 4, "the checksum is wrong")
+    """Read a message of a log or an answer to a mirror.
+
+    Raises CorruptMessage; commits and states are judged further by `apply`.
+    """
+    kind, number, ident = _front(data, COMMITS, PART)
     try:
         epoch = _checked(Epoch(number, ident))
         if kind == COMMITS:
@@ -179,6 +219,37 @@ def message_of(data: bytes) -> Message:
         return (_head if kind == HEAD else _part)(epoch, data)
     except (ValueError, IndexError, struct.error) as error:
         raise _corrupt(_FRONT.size, str(error)) from None
+
+
+def _front(data: bytes, first: int, last: int) -> tuple[int, int, bytes]:
+    """Return kind, number and id of a whole message. Raises CorruptMessage, also by its kind."""
+    if len(data) < _LEAST:
+        raise _corrupt(len(data), "it is cut short")
+    magic, version, kind, flags, number, ident = _FRONT.unpack_from(data)
+    if magic != b"TFDB":
+        raise _corrupt(0, "it does not begin with TFDB")
+    if version != 0:
+        raise _corrupt(4, f"version {version}: this program reads version 0")
+    if flags or not first <= kind <= last:
+        raise _corrupt(5, f"unknown kind {kind}, flags {flags}")
+    if _SUM.unpack_from(data, len(data) - 4)[0] != crc32c(memoryview(data)[:-4]):
+        raise _corrupt(len(data) - 4, "the checksum is wrong")
+    return kind, number, ident
+
+
+def _told(epoch: Epoch, data: bytes) -> Told:
+    role_at, state_at, owner, commit, newest, behind = _STATUS.unpack_from(data, _FRONT.size)
+    if role_at >= len(_ROLES) or state_at >= len(_STATES[_ROLES[role_at]]):
+        raise ValueError(f"role {role_at}, state {state_at} is not known")
+    role = _ROLES[role_at]
+    begin, count = _FRONT.size + _STATUS.size, _COUNTS[role]
+    if len(data) != begin + 8 * count + 4:
+        raise ValueError(f"the status of a {role} has another size")
+    counts = struct.unpack_from(f"<{count}Q", data, begin)
+    if max(commit, newest) >= _MOST_COMMIT or max(behind, *counts) >= _MOST_COUNT:
+        raise ValueError("a commit is beyond 2^44, or a count beyond 2^63")
+    state = _STATES[role][state_at]
+    return Told(epoch, role, state, owner.hex(), commit, newest, behind, counts)
 
 
 def _numbers(data: bytes) -> tuple[int, int]:

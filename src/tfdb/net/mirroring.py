@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import deque
@@ -15,7 +16,7 @@ from tfdb.data.errors import InvalidArgument, WaitTimeout
 from .events import EventLog, NetEvents
 from .home import Home, link_of
 from .link import Token, check_network_name
-from .messages import NONE
+from .messages import NONE, Told, status_bytes
 from .receiving import Receiver
 from .sending import epoch_after, step_back, take_over
 
@@ -52,6 +53,8 @@ class MirrorStats(NamedTuple):
     """Messages of earlier homes, which were left out."""
     bytes: int
     """Bytes of all messages."""
+    gaps: int
+    """How often it found that it lacks commits behind those that it has."""
 
 
 class Mirror(Closable):
@@ -85,12 +88,14 @@ class Mirror(Closable):
         self._inbox: deque[bytes] = deque(maxlen=_MOST_WAITING)
         self._answers: deque[list[bytes]] = deque()
         self._tokens: deque[tuple[Token, bool]] = deque()
+        self._owner = os.urandom(8).hex()
         self._token: Declared | None = None
         self._announced: Epoch = NONE
         self._declared: list[Declared] = []
         try:
             self._declared.append(link.hear(name, self._hear))
             self._declared.append(link.watch(name, self._see))
+            self._declared.append(link.report(name, "mirror", self._report))
         except BaseException:
             self._leave()
             raise
@@ -144,6 +149,7 @@ class Mirror(Closable):
             each.refused,
             each.outdated,
             each.bytes,
+            each.gaps,
         )
 
     def events(self) -> NetEvents:
@@ -211,7 +217,7 @@ class Mirror(Closable):
         self._check_promotion(force=force)
         tokens = self._link.tokens(self._name)
         self._stop()
-        known = [each.epoch for each in tokens]
+        known = [token.epoch for _, token in tokens]
         epoch = epoch_after(max([*known, self._receiver.known]))
         origin = take_over(self._buffer, self._name, epoch)
         owned, self._owned = self._owned, None
@@ -267,6 +273,16 @@ class Mirror(Closable):
     def _take_answer(self, messages: list[bytes]) -> None:
         self._answers.append(messages)
         self._wake.set()
+
+    def _report(self) -> bytes:
+        each, position = self._receiver, self._receiver.position
+        commit = 0 if position is None else position.commit
+        since = each.lacking_since
+        behind = 0 if since is None else max(int(1e9 * (time.monotonic() - since)), 0)
+        told = Told(
+            each.known, "mirror", self.state, self._owner, commit, each.newest, behind, self.stats
+        )
+        return status_bytes(told)
 
     # -- under the lock ----------------------------------------------------------------------------
 
@@ -340,7 +356,7 @@ class Mirror(Closable):
     def _announce(self, known: Epoch) -> None:
         """Say which epoch is known, so that a home that comes later begins a later one."""
         before, self._announced = self._token, known
-        self._token = self._link.announce(self._name, Token("mirror", known))
+        self._token = self._link.announce(self._name, Token("mirror", known, self._owner))
         if before is not None:
             before.undeclare()
 
@@ -405,5 +421,5 @@ def mirror(
         check_name("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
     ]
     with link_of(session) as (link, owned):
-        step_back(into, name, [each.epoch for each in link.tokens(name) if each.role == "home"])
+        step_back(into, name, [each.epoch for _, each in link.tokens(name) if each.role == "home"])
         return Mirror(into, name, link, prefix=prefix, shared=names, owned=owned)

@@ -70,6 +70,10 @@ class Receiver:
         self._is_told = False
         self.since: float | None = None
         """When the home was heard last, if it is gone."""
+        self.lacking_since: float | None = None
+        """Since when it may lack commits: None while it is live, or knows no home."""
+        self.gaps: int = 0
+        """How often it found that commits behind its own are missing."""
         self.commits: int = 0
         self.bytes: int = 0
         self.states: int = 0
@@ -190,6 +194,11 @@ class Receiver:
         if state != self.state:
             self.state = state
             self.since = self._heard if state == "stale" else None
+            if state == "live":
+                self.lacking_since = None
+            elif self.lacking_since is None:
+                self.lacking_since = self._heard if state == "stale" else now
+            self.gaps += state == "catching up" and self.position is not None
             self._log.add(state, self._sentence(state))
 
     # -- what it wants -----------------------------------------------------------------------------

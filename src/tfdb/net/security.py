@@ -11,7 +11,7 @@ from tfdb.data.errors import InvalidArgument
 from tfdb.data.path_checks import check_path
 from tfdb.data.stamps import shown
 
-from .link import CONNECT_MS, ask_key, check_network_name, log_key, tokens_key
+from .link import ALL, CONNECT_MS, ask_key, check_network_name, log_key, status_key, tokens_key
 from .session import check_endpoints
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ Access: TypeAlias = Literal["read", "write"]
 """`read`: mirror it. `write`: be its home as well."""
 
 _ROUTER = "tls/127.0.0.1:7447"
-_ALL = "**"
-"""Stands for all namespaces."""
 
 
 def secure(
@@ -119,16 +117,16 @@ def _secure_endpoints(name: str, value: str | Iterable[str]) -> list[str]:
 
 
 def _checked(allow: Any) -> dict[str, dict[str, Access]]:
-    """Return the access by certificate and namespace; `_ALL`: all."""
+    """Return the access by certificate and namespace; `ALL`: all."""
     if not isinstance(allow, Mapping):
         raise InvalidArgument('allow is such as {"fleet-reader": "read"}', value=allow)
     found: dict[str, dict[str, Access]] = {}
     for who, what in allow.items():
         if not isinstance(who, str) or not who:
             raise InvalidArgument(f"allow has common names of certificates, got {shown(who)}")
-        by_name = what if isinstance(what, Mapping) else {_ALL: what}
+        by_name = what if isinstance(what, Mapping) else {ALL: what}
         for name, access in by_name.items():
-            if name != _ALL:
+            if name != ALL:
                 check_network_name(name)
             if access not in ("read", "write"):
                 text = f"allow[{who!r}]: {unknown_word(str(access), ('read', 'write'))}"
@@ -196,22 +194,25 @@ def _load(what: str, load: Any, *files: str) -> None:
 
 # What a router lets pass from and to a mirror, and from and to a home beside that.
 _LOG, _ASKED, _HOMES, _MIRRORS = "log", "asked", "homes", "mirrors"
+_HOME_STATUS, _MIRROR_STATUS = "home's status", "mirror's status"
 _RULES: dict[Access, list[tuple[str, list[str], list[str]]]] = {
     "read": [
         ("ingress", ["declare_subscriber"], [_LOG]),
-        ("ingress", ["query"], [_ASKED]),
+        ("ingress", ["query"], [_ASKED, _HOME_STATUS, _MIRROR_STATUS]),
+        ("ingress", ["declare_queryable", "reply"], [_MIRROR_STATUS]),
         ("ingress", ["liveliness_query", "declare_liveliness_subscriber"], [_HOMES, _MIRRORS]),
         ("ingress", ["liveliness_token"], [_MIRRORS]),
         ("egress", ["put"], [_LOG]),
-        ("egress", ["declare_queryable", "reply"], [_ASKED]),
+        ("egress", ["query"], [_MIRROR_STATUS]),
+        ("egress", ["declare_queryable", "reply"], [_ASKED, _HOME_STATUS, _MIRROR_STATUS]),
         ("egress", ["liveliness_token"], [_HOMES, _MIRRORS]),
     ],
     "write": [
         ("ingress", ["put"], [_LOG]),
-        ("ingress", ["declare_queryable", "reply"], [_ASKED]),
+        ("ingress", ["declare_queryable", "reply"], [_ASKED, _HOME_STATUS]),
         ("ingress", ["liveliness_token"], [_HOMES]),
         ("egress", ["declare_subscriber"], [_LOG]),
-        ("egress", ["query"], [_ASKED]),
+        ("egress", ["query"], [_ASKED, _HOME_STATUS]),
     ],
 }
 
@@ -221,13 +222,15 @@ def _keys(name: str, what: str) -> list[str]:
         return [log_key(name)]
     if what == _ASKED:
         return [ask_key(name, state=state) for state in (False, True)]
+    if what in (_HOME_STATUS, _MIRROR_STATUS):
+        return [status_key(name, "home" if what == _HOME_STATUS else "mirror")]
     return [tokens_key(name, "home" if what == _HOMES else "mirror")]
 
 
 def _access_control(own: str, allow: Mapping[str, Mapping[str, Access]]) -> dict[str, Any]:
     rules: dict[str, dict[str, Any]] = {}
     policies = []
-    for who, names in {**allow, own: {_ALL: "write"}}.items():
+    for who, names in {**allow, own: {ALL: "write"}}.items():
         used = [each for name, access in names.items() for each in _rules_for(name, access)]
         rules.update((each["id"], each) for each in used)
         policies.append({"subjects": [who], "rules": [each["id"] for each in used]})

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
+import re
+import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.argument_checks import unknown_word
 from tfdb.data.closable import Closable
 from tfdb.data.errors import InvalidArgument, NotSupported
 from tfdb.data.path_checks import check_path
@@ -13,11 +18,16 @@ from tfdb.data.stamps import shown
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from .link import Link
 
 _ROUTER = "tcp/127.0.0.1:7447"
+_PROTOCOLS = "tcp", "tls", "udp", "quic", "ws", "unixsock-stream", "serial", "vsock", "unixpipe"
+_WITH_PORT = _PROTOCOLS[:5]
+_ADDRESS = re.compile(r"(?:\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+):([0-9]{1,5})(?:[?#]\S*)?")
+_PAUSE = 1.0
+"""Seconds until a router that was not there is tried again."""
 
 
 class Session(Closable):
@@ -37,6 +47,11 @@ class Session(Closable):
     config
         Instead of both: Zenoh's configuration, as `tfdb.net.secure` makes it, or a file of it.
         Where it says nothing else, the mode is `client`, nothing listens, and scouting is off.
+    wait
+        Seconds in which a router that is not there yet is tried again. None: for ever. A process
+        that listens does not wait.
+    on_wait
+        Called once when it begins to wait, with a text that names the router.
 
     Raises
     ------
@@ -45,7 +60,8 @@ class Session(Closable):
     ConnectionError
         No router answers, or the endpoint is taken.
     InvalidArgument
-        `config` beside the others or not valid, or an endpoint that is none.
+        `config` beside the others or not valid; an endpoint of another form than
+        PROTOCOL/HOST:PORT; `wait` is negative.
     OSError
         The file cannot be read.
     """
@@ -56,27 +72,50 @@ class Session(Closable):
         connect: str | Iterable[str] = (),
         listen: str | Iterable[str] = (),
         config: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+        wait: float | None = 0.0,
+        on_wait: Callable[[str], object] | None = None,
     ) -> None:
         there = check_endpoints("connect", connect, _ROUTER)
         here = check_endpoints("listen", listen, _ROUTER)
         if config is not None and (there or here):
             raise InvalidArgument("config is given without connect and listen: it has them")
+        seconds = math.inf if wait is None else duration_to_nanoseconds(wait, "wait") / 1e9
+        if seconds < 0:
+            raise InvalidArgument(f"wait must not be negative, got {wait!r}", value=wait)
         try:
-            from .zenoh_link import config_for, configs_of, open_link  # noqa: PLC0415 - an extra
+            from . import zenoh_link  # noqa: PLC0415 - an extra
         except ImportError as error:
             text = f"tfdb.net needs eclipse-zenoh: pip install 'tfdb[net]' ({error})"
             raise NotSupported(text, reason="eclipse-zenoh") from error
         if config is not None:
             text, self._where = _read(config)
-            data, tokens = configs_of(text, self._where)
+            configs = zenoh_link.configs_of(text, self._where)
         elif here:
             self._where = ", ".join([*here, *there])
-            data, tokens = config_for("router", there, here), config_for("client", here, [])
+            configs = (
+                zenoh_link.config_for("router", there, here),
+                zenoh_link.config_for("client", here, []),
+            )
         else:
             there = there or [_ROUTER]
             self._where = ", ".join(there)
-            data, tokens = config_for("client", there, []), config_for("client", there, [])
-        self._link: Link = open_link(data, tokens, self._where)
+            configs = (
+                zenoh_link.config_for("client", there, []),
+                zenoh_link.config_for("client", there, []),
+            )
+        until = -math.inf if zenoh_link.listeners(configs[0]) else time.monotonic() + seconds
+        while True:
+            try:
+                self._link: Link = zenoh_link.open_link(*configs, self._where)
+                break
+            except ConnectionError:
+                left = until - time.monotonic()
+                if left <= 0:
+                    raise
+            if on_wait is not None:
+                on_wait(f"no Zenoh router at {self._where} yet: it is tried again each second")
+                on_wait = None
+            time.sleep(min(_PAUSE, left))
         self._is_closed = False
 
     @property
@@ -113,7 +152,23 @@ def check_endpoints(name: str, value: str | Iterable[str], example: str) -> list
     """Return endpoints. Raises InvalidArgument."""
     found: list[Any] = [value] if isinstance(value, str) else list(value)
     for each in found:
-        if not isinstance(each, str) or each.count("/") != 1 or not all(each.split("/")):
-            text = f"{name} has endpoints such as {example}, got {shown(each)}"
+        why = _why_no_endpoint(each)
+        if why:
+            text = f"{name} has endpoints such as {example}, got {shown(each)}: {why}"
             raise InvalidArgument(text, value=each)
     return found
+
+
+def _why_no_endpoint(value: Any) -> str:
+    """Return what is wrong with an endpoint; empty for a valid one."""
+    protocol, slash, address = value.partition("/") if isinstance(value, str) else ("", "", "")
+    if not slash or not address:
+        return f"PROTOCOL/HOST:PORT is valid, with one of {', '.join(_WITH_PORT)}"
+    if protocol not in _PROTOCOLS:
+        return unknown_word(protocol, _PROTOCOLS)
+    if protocol not in _WITH_PORT:
+        return ""
+    port = _ADDRESS.fullmatch(address)
+    if port is None or not 0 < int(port[1]) < 1 << 16:
+        return f"{protocol}/HOST:PORT is valid, with a port from 1 to 65535"
+    return ""

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from tfdb.data.errors import InvalidArgument
+from tfdb.data.errors import InvalidArgument, TfdbError
 
-from .link import CONNECT_MS, ask_key, log_key, token_of, tokens_key
+from .link import CONNECT_MS, ask_key, log_key, name_of, status_key, token_of, tokens_key
 from .messages import question_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .link import Declared, Token
-    from .messages import Question
+    from .messages import Question, Role
 
+_ROLES: tuple[Role, Role] = "home", "mirror"
 _ANSWERS = 4
 """So many questions are answered at once."""
 _MOST_QUESTIONS = 64
@@ -56,10 +57,8 @@ def configs_of(text: str, where: str) -> tuple[zenoh.Config, zenoh.Config]:
         data, tokens = zenoh.Config.from_json5(text), zenoh.Config.from_json5(text)
         for config in (data, tokens):
             _close_what_is_open(config)
-        own = json.loads(tokens.get_json("listen/endpoints"))
+        own = listeners(tokens)
         if own:  # the tokens go through the router that the data's session is
-            if isinstance(own, dict):
-                own = own.get(json.loads(tokens.get_json("mode")), [])
             _set(tokens, "mode", "client")
             _set(tokens, "connect/endpoints", own)
             _set(tokens, "listen/endpoints", [])
@@ -69,6 +68,14 @@ def configs_of(text: str, where: str) -> tuple[zenoh.Config, zenoh.Config]:
         text = f"{where}: not a configuration of Zenoh in JSON5"
         raise InvalidArgument(f"config: {text}") from error
     return data, tokens
+
+
+def listeners(config: zenoh.Config) -> list[str]:
+    """Return the endpoints at which a configuration listens."""
+    found: Any = json.loads(config.get_json("listen/endpoints"))
+    if isinstance(found, dict):
+        found = found.get(json.loads(config.get_json("mode")), [])
+    return list(found)
 
 
 def _close_what_is_open(config: zenoh.Config) -> None:
@@ -180,8 +187,7 @@ class ZenohLink:
 
     def announce(self, name: str, token: Token) -> Declared:
         """See `Link`."""
-        key = token.key(name, str(self._data.zid()))
-        return _Declared(self._data.liveliness().declare_token(key))
+        return _Declared(self._data.liveliness().declare_token(token.key(name)))
 
     def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
         """See `Link`."""
@@ -194,15 +200,52 @@ class ZenohLink:
         key = tokens_key(name, "home")
         return _Declared(self._tokens.liveliness().declare_subscriber(key, seen, history=True))
 
-    def tokens(self, name: str) -> list[Token]:
+    def tokens(self, name: str) -> list[tuple[str, Token]]:
         """See `Link`."""
-        found: list[Token] = []
-        for role in ("home", "mirror"):
+        found: list[tuple[str, Token]] = []
+        for role in _ROLES:
             # Zenoh tells a session of a token once: a subscriber of it may take this answer away.
             replies: Any = self._data.liveliness().get(tokens_key(name, role), timeout=_PATIENCE)
-            read = [_token(reply.ok) for reply in replies if reply.ok is not None]
-            found += [each for each in read if each is not None]
+            for sample in [reply.ok for reply in replies if reply.ok is not None]:
+                token = _token(sample)
+                if token is not None:
+                    found.append((name_of(str(sample.key_expr)), token))
         return found
+
+    def report(self, name: str, role: Role, status: Callable[[], bytes]) -> Declared:
+        """See `Link`."""
+        key = status_key(name, role)
+
+        def asked(query: zenoh.Query) -> None:
+            # The store may be closed, or who asks be gone.
+            with suppress(TfdbError, zenoh.ZError):
+                query.reply(key, status())
+            query.drop()
+
+        taken = zenoh.handlers.Callback(asked, indirect=False)  # else each has a thread
+        return _Declared(self._data.declare_queryable(key, taken))
+
+    def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
+        """See `Link`."""
+        found: list[tuple[str, bytes]] = []
+        ended = [threading.Event() for _ in _ROLES]
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                found.append((name_of(str(reply.ok.key_expr)), reply.ok.payload.to_bytes()))
+
+        for role, end in zip(_ROLES, ended, strict=True):
+            self._data.get(
+                status_key(name, role),
+                zenoh.handlers.Callback(take, end.set),
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                congestion_control=zenoh.CongestionControl.DROP,
+                timeout=timeout,
+            )
+        for end in ended:
+            end.wait()
+        return list(found)
 
     def end(self) -> None:
         """Close it at the end of the process: homes and mirrors may still use it."""

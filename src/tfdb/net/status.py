@@ -1,0 +1,146 @@
+"""What homes and mirrors of a network say of themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from tfdb._core import duration_to_nanoseconds
+from tfdb.data.errors import CorruptMessage, InvalidArgument
+
+from .home import HomeStats, link_of
+from .link import ALL, check_network_name
+from .messages import NONE, status_of
+from .mirroring import MirrorStats
+
+if TYPE_CHECKING:
+    from tfdb.data.types import Epoch
+
+    from .link import Token
+    from .messages import Told
+    from .session import Session
+
+State: TypeAlias = Literal[
+    "publishing",
+    "fenced",
+    "absent",
+    "catching up",
+    "live",
+    "stale",
+    "ended",
+    "closed",
+    "silent",
+]
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a home or a mirror says of itself. `status` returns it."""
+
+    name: str
+    """The namespace."""
+    role: Literal["home", "mirror"]
+    owner: str
+    """Tells the mirrors of a namespace apart; empty for a home."""
+    state: State
+    """As `Home.state` or `Mirror.state`. `silent`: it is alive, and did not answer in time."""
+    epoch: Epoch | None
+    """The home's, or the latest that the mirror has heard of. None: it has heard of none."""
+    commit: int | None
+    """The last commit that the home has sent, or the mirror has applied. None: `silent`."""
+    lag: int | None
+    """How many commits the home has not sent yet, or the mirror lacks. None: `silent`."""
+    behind: float | None
+    """Seconds since a mirror had all that its home has sent; 0 while it is live, absent, or a home.
+
+    It is by the mirror's clock alone. A network that is cut counts from the last message.
+    """
+    stats: HomeStats | MirrorStats | None
+    """What it has done. None: `silent`."""
+
+
+def status(
+    name: str | None = None, *, session: Session | None = None, timeout: float = 1.0
+) -> list[Status]:
+    """Ask the homes and mirrors of a network how they are.
+
+    ```python
+    for each in tfdb.net.status():
+        print(each.name, each.role, each.state, each.lag)
+    ```
+
+    Parameters
+    ----------
+    name
+        The namespace. None: all. Access control may allow some alone: then name it.
+    session
+        The connection. None: one to the router at tcp/127.0.0.1:7447, closed at the end.
+    timeout
+        Seconds that one may take to answer. Those that are alive and do not are `silent`.
+
+    Returns
+    -------
+    list
+        Sorted by namespace, homes first.
+
+    Raises
+    ------
+    InvalidName
+        No namespace can have the name.
+    InvalidArgument, TypeError
+        The timeout is not positive, or a value that a parameter does not take.
+    NotSupported
+        PyPI's eclipse-zenoh is not installed.
+    ConnectionError
+        No router answers.
+    """
+    key = ALL if name is None else check_network_name(name)
+    seconds = duration_to_nanoseconds(timeout, "timeout") / 1e9
+    if seconds <= 0:
+        raise InvalidArgument(f"timeout must be positive, got {timeout!r}", value=timeout)
+    with link_of(session) as (link, owned):
+        try:
+            tokens = link.tokens(key)
+            answers = link.statuses(key, seconds)
+        finally:
+            if owned is not None:
+                owned.close()
+    found = [each for namespace, data in answers if (each := _read(namespace, data)) is not None]
+    known = {_place(each) for each in found}
+    silent = [_silent(namespace, token) for namespace, token in tokens]
+    found += [each for each in silent if _place(each) not in known]
+    return sorted(found, key=lambda each: (each.name, each.role, each.epoch or NONE, each.owner))
+
+
+def _place(each: Status) -> tuple[object, ...]:
+    """What tells it from others: a home's epoch, a mirror's owner."""
+    return each.name, each.role, each.owner or each.epoch
+
+
+def _read(name: str, data: bytes) -> Status | None:
+    """Return what an answer says. None: it is of a program that is none of ours."""
+    try:
+        told = status_of(data)
+    except CorruptMessage:
+        return None
+    stats: HomeStats | MirrorStats
+    stats = HomeStats(*told.counts) if told.role == "home" else MirrorStats(*told.counts)
+    return Status(
+        name,
+        told.role,
+        told.owner if told.role == "mirror" else "",
+        told.state,  # type: ignore[arg-type]
+        told.epoch if told.epoch > NONE else None,
+        told.commit,
+        _lag(told, stats),
+        told.behind / 1e9,
+        stats,
+    )
+
+
+def _lag(told: Told, stats: HomeStats | MirrorStats) -> int:
+    return stats.lag if isinstance(stats, MirrorStats) else max(told.newest - told.commit, 0)
+
+
+def _silent(name: str, token: Token) -> Status:
+    return Status(name, token.role, token.owner, "silent", token.epoch, None, None, None, None)
