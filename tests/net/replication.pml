@@ -6,7 +6,7 @@
 
    Faults that are put in: BUG_NOEPOCH (a mirror looks at no epoch), BUG_GAP (it skips a commit),
    BUG_NORESYNC (it enters an epoch without a state), BUG_OLDSTATE (it takes a state of an earlier
-   epoch), BUG_TWICE (a request of another machine is not noted with its commit), BUG_EQUALEPOCH (two
+   epoch), BUG_FORK (it enters an epoch from another commit than the fork), BUG_TWICE (a request of another machine is not noted with its commit), BUG_EQUALEPOCH (two
    promoted mirrors have equal epochs). */
 #ifndef N
 #define N 3        /* nodes; node 0 begins as the home */
@@ -29,6 +29,11 @@
 #else
 #define NEXT(k, n) (k == n + 1)
 #endif
+#ifdef BUG_FORK
+#define AT_FORK(k, n) true
+#else
+#define AT_FORK(k, n) (k == n)
+#endif
 #ifdef BUG_OLDSTATE
 #define LATER(e, k, m) (e != log[m].e || k > log[m].n)
 #else
@@ -40,6 +45,7 @@ Log log[N];
 bit home[N]; bit up[N];
 typedef History { byte v[3]; byte n };
 History had[MAXE + 1];  /* what the home of each epoch had */
+byte from_e[MAXE + 1], from_n[MAXE + 1];  /* the fork of each epoch, which its heads tell */
 byte fresh = 1; byte latest = 1; byte kills = 0;
 chan net = [CH] of { bit, byte, byte, byte };  /* is a state, epoch, number, value or state */
 byte i_;
@@ -95,6 +101,9 @@ proctype Node(byte me) {
             if :: v == REQUEST -> log[me].req = 1 :: else fi;
             check(me)
 #endif
+       /* It is told of the fork by a head: here any message of the epoch is one. */
+       :: !whole && !home[me] && e > log[me].e && log[me].e != 0 && from_e[e] == log[me].e &&
+          AT_FORK(from_n[e], log[me].n) -> log[me].e = e; check(me)
 #ifdef BUG_NORESYNC
        :: !whole && !home[me] && e > log[me].e -> log[me].e = e; check(me)
 #endif
@@ -113,6 +122,7 @@ proctype Node(byte me) {
 #else
        latest++;
 #endif
+       from_e[latest] = log[me].e; from_n[latest] = log[me].n;
        log[me].e = latest; home[me] = 1;
        had[latest].n = log[me].n; had[latest].v[1] = log[me].v[1]; had[latest].v[2] = log[me].v[2] }
   :: atomic { up[me] && kills < KILLS -> up[me] = 0; kills++ }

@@ -43,7 +43,9 @@ def test_no_state_of_the_protocol_breaks_a_promise(tmp_path: Path, bounds: dict[
     assert states > 1000
 
 
-@pytest.mark.parametrize("fault", ["NOEPOCH", "GAP", "NORESYNC", "OLDSTATE", "TWICE", "EQUALEPOCH"])
+@pytest.mark.parametrize(
+    "fault", ["NOEPOCH", "GAP", "NORESYNC", "OLDSTATE", "FORK", "TWICE", "EQUALEPOCH"]
+)
 def test_faults_are_found(tmp_path: Path, fault: str) -> None:
     bounds = {"N": 3, "MAXE": 3, "CH": 1} if fault == "EQUALEPOCH" else {"N": 2, "MAXE": 3}
     errors, _ = search(tmp_path, **bounds, **{f"BUG_{fault}": 1})

@@ -26,7 +26,7 @@ constexpr unsigned kSharedShift = 32;
 
 /// Calls visit(id, word) for all frames, with their history::SourceWord.
 template <class Visit>
-void for_each_frame(Store& store, Visit visit) {
+void for_each_source_word(Store& store, Visit visit) {
     const StoreView view = store.view(store.committed());
     for (FrameId id = 0; id < store.frames.count(); ++id) {
         if (view.alive(id))
@@ -36,7 +36,7 @@ void for_each_frame(Store& store, Visit visit) {
 
 /// What writers of this store made and stored is the source's from now on.
 void adopt(Store& store, std::uint64_t source) {
-    for_each_frame(store, [&](FrameId id, sync::Word& word) {
+    for_each_source_word(store, [&](FrameId id, sync::Word& word) {
         const std::uint64_t before = word.load_relaxed();
         const std::uint64_t maker = SourceWord::maker(before);
         const std::uint64_t writer = SourceWord::writer(before);
@@ -49,7 +49,7 @@ void adopt(Store& store, std::uint64_t source) {
 /// Whether all frames and samples came from the source.
 bool is_only_of(Store& store, std::uint64_t source) {
     bool only = true;
-    for_each_frame(store, [&](FrameId id, const sync::Word& word) {
+    for_each_source_word(store, [&](FrameId id, const sync::Word& word) {
         const std::uint64_t writer = writer_to(store, id).has_samples() ? source : 0;
         only = only && word.load_relaxed() == SourceWord::pack(source, writer);
     });
