@@ -214,7 +214,7 @@ def test_a_false_head_is_forgotten_when_the_home_answers(home: Sender) -> None:
     false = messages.Head(home.epoch, 1 << 40, NONE, 0)
     receiver.take(messages.head_bytes(false), 0.1)
     assert receiver.state == "catching up"
-    assert answered(receiver, home, 0.1) == Question(home.epoch, 10)
+    assert answered(receiver, home, 0.1) == Question(home.epoch, 10, home.epoch)
     assert (receiver.state, receiver.newest) == ("live", 10)
     receiver.take(messages.head_bytes(false), 1.0)
     question = receiver.question(1.0)
@@ -341,6 +341,24 @@ def test_a_later_home_rewinds_a_mirror_that_is_beyond_the_fork(home: Sender) -> 
     assert kinds(ahead) == ["catching up", "live", "catching up", "rewound", "live"]
     assert kinds(third) == ["catching up", "live"]
     promoted.close()
+
+
+def test_a_mirror_that_is_too_far_behind_takes_a_state(home: Sender) -> None:
+    receiver = Receiver(tfdb.Buffer(), SOURCE, "", (), EventLog(SOURCE), max_lag=3)
+    receiver.take(home.head(), 0.0)
+    answered(receiver, home, 0.0)
+    for count, question in (
+        (3, Question(home.epoch, 10, home.epoch)),
+        (4, Question(home.epoch, None)),
+    ):
+        write(home._buffer, count)
+        while home.next() is not None:
+            pass
+        receiver.take(home.head(), 0.1)
+        assert answered(receiver, home, 0.1) == question
+        assert receiver.state == "live"
+        assert state_of(receiver._buffer) == state_of(home._buffer)
+    assert receiver.states == 2
 
 
 def test_two_homes_answer_and_the_later_one_counts(home: Sender) -> None:

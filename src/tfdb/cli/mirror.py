@@ -31,6 +31,12 @@ if TYPE_CHECKING:
     metavar="FRAME",
     help="Leave this frame's name without the prefix; repeatable.",
 )
+@click.option(
+    "--max-lag",
+    type=click.IntRange(min=1),
+    metavar="COMMITS",
+    help="If this mirror is further behind: take the newest state, not each commit.",
+)
 @history_option
 @network_options
 @common.json_lines_option
@@ -40,6 +46,7 @@ def command(
     into: str,
     prefix: str,
     shared: tuple[str, ...],
+    max_lag: int | None,
     history: int | None,
     connect: tuple[str, ...],
     listen: tuple[str, ...],
@@ -70,7 +77,9 @@ def command(
 
     with (
         connected(connect, listen, config, missing) as session,
-        mirror(name, into=buffer, prefix=prefix, shared=shared, session=session) as following,
+        mirror(
+            name, into=buffer, prefix=prefix, shared=shared, max_lag=max_lag, session=session
+        ) as following,
     ):
         if not as_json:
             text = f"{name} into shm:{store}; Ctrl-C ends it"

@@ -9,7 +9,7 @@ from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import duration_to_nanoseconds
-from tfdb.data.argument_checks import check_flag, check_name, refuse_without
+from tfdb.data.argument_checks import check_count, check_flag, check_name, refuse_without
 from tfdb.data.closable import Closable
 from tfdb.data.errors import InvalidArgument, WaitTimeout
 
@@ -72,13 +72,14 @@ class Mirror(Closable):
         *,
         prefix: str = "",
         shared: Iterable[str] = (),
+        max_lag: int | None = None,
         owned: Link | None = None,
     ) -> None:
         self._buffer, self._name, self._link, self._owned = buffer, name, link, owned
         names = list(shared)
         self._is_whole = not prefix and not names
         self._log = EventLog(name)
-        self._receiver = Receiver(buffer, name, prefix, names, self._log)
+        self._receiver = Receiver(buffer, name, prefix, names, self._log, max_lag=max_lag)
         self._error: BaseException | None = None
         self._was_live = False
         self._closing, self._wake = threading.Event(), threading.Event()
@@ -375,6 +376,7 @@ def mirror(
     into: Buffer,
     prefix: str = "",
     shared: str | Iterable[str] = (),
+    max_lag: int | None = None,
     session: Session | None = None,
 ) -> Mirror:
     """Follow a home's commits into a store of this process.
@@ -393,6 +395,10 @@ def mirror(
         The store. It may have several mirrors with different prefixes, and frames of its own.
     prefix, shared
         As in `Buffer.apply`: text before the name of each frame, and frames without it.
+    max_lag
+        A mirror that is further behind, in commits, takes a state instead of the commits: it is
+        live sooner, and the samples between are not seen one by one. None: it takes the commits
+        while the home has them.
     session
         The connection. None: one to the router at tcp/127.0.0.1:7447, closed with the mirror.
 
@@ -417,9 +423,10 @@ def mirror(
     refuse_without(into, "into", "a Buffer", "apply", "positions")
     name = check_network_name(name)
     prefix = check_name("prefix", prefix)
+    max_lag = None if max_lag is None else check_count("max_lag", max_lag)
     names = [
         check_name("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
     ]
     with link_of(session) as (link, owned):
         step_back(into, name, [each.epoch for _, each in link.tokens(name) if each.role == "home"])
-        return Mirror(into, name, link, prefix=prefix, shared=names, owned=owned)
+        return Mirror(into, name, link, prefix=prefix, shared=names, max_lag=max_lag, owned=owned)

@@ -54,8 +54,11 @@ class Receiver:
         shared: Iterable[str],
         log: EventLog,
         draw: random.Random | None = None,
+        *,
+        max_lag: int | None = None,
     ) -> None:
         self._buffer, self._log = buffer, log
+        self._max_lag = math.inf if max_lag is None else max_lag
         self._options: dict[str, Any] = {
             "source": source,
             "prefix": prefix,
@@ -211,6 +214,8 @@ class Receiver:
         self._asked, self._newest_asked = self._place(), self.newest
         position = self.position
         if position is None or self._wants_state:
+            return Question(self.known, None)
+        if position.epoch == self.known and self.newest - position.commit > self._max_lag:
             return Question(self.known, None)
         return Question(self.known, position.commit, position.epoch)
 
