@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import zenoh
@@ -24,6 +25,8 @@ class Contender:
         self.buffer = tfdb.Buffer()
         self.raw: zenoh.Session | None = None
         self.delays: list[float] = []
+        self.fleet: list[tfdb.Buffer] = []
+        self.mirrors: list[tfdb.net.Mirror] = []
 
     def publish(self, endpoint: str, max_delay: float) -> None:
         """Be the home, and the router of all."""
@@ -52,6 +55,45 @@ class Contender:
         self.session = tfdb.net.Session(connect=endpoint)
         self.following = tfdb.net.mirror("robot1", into=self.buffer, session=self.session)
         self.following.wait_until_live(10.0)
+
+    def publish_fleet(self, endpoint: str, count: int) -> None:
+        """Be many homes, and the router of all."""
+        self.session = tfdb.net.Session(listen=endpoint)
+        self.fleet = [tfdb.Buffer() for _ in range(count)]
+        self.homes = [
+            tfdb.net.publish(each, f"robot{number}", session=self.session)
+            for number, each in enumerate(self.fleet)
+        ]
+        self.rows = np.tile([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8], (10, 1))
+
+    def commit_fleet(self) -> None:
+        """Commit ten transforms to the store of each home."""
+        self.rows[:, 0] += 0.001
+        stamps = np.full(10, time.time_ns())
+        for each in self.fleet:
+            each.set_transforms(tfdb.Columns(["map"] * 10, FRAMES, stamps, self.rows))
+
+    def mirror_fleet(self, endpoint: str, count: int) -> None:
+        """Mirror many homes into one store."""
+        self.session = tfdb.net.Session(connect=endpoint)
+        for number in range(count):
+            name = f"robot{number}"
+            options = {"prefix": f"{name}/", "shared": "map", "session": self.session}
+            self.mirrors.append(tfdb.net.mirror(name, into=self.buffer, **options))
+        for each in self.mirrors:
+            each.wait_until_live(60.0)
+
+    def used_by_fleet(self, seconds: float) -> tuple[float, float]:
+        """Percent of a core that this process uses, and the commits that it applies a second."""
+        before = sum(each.stats.commits for each in self.mirrors)
+        begin = time.perf_counter()
+        percent = self.used(seconds)
+        commits = sum(each.stats.commits for each in self.mirrors) - before
+        return percent, commits / (time.perf_counter() - begin)
+
+    def threads(self) -> int:
+        """The threads of this process."""
+        return len(list(Path("/proc/self/task").iterdir()))
 
     def hear(self, endpoint: str, key: str) -> None:
         """Be an empty callback, on the home's log or on the raw bytes."""

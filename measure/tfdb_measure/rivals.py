@@ -55,6 +55,8 @@ MANY_FRAMES = 2_000  # looked up in one call
 
 # A robot that many processes look at: ten moving frames, 500 times a second each.
 LIVE_CHAIN, MESSAGES = 10, 500.0
+FLEETS = 20, 100
+"""How many homes one process mirrors."""
 READERS, LOOKUPS = 16, 100.0  # lookups of each per second
 # What is published on /tf: edges of a message, messages per second.
 STREAMS = ((10, 500.0), (100, 50.0))
@@ -398,6 +400,42 @@ def sharing(results: Results, effort: Effort) -> None:
     _shared_against_tree(results, effort, interpreters)
     _many_readers(results, effort, interpreters)
     _mirrored(results, effort, interpreters["tfdb"])
+    _mirrored_fleet(results, effort, interpreters["tfdb"])
+
+
+def _mirrored_fleet(results: Results, effort: Effort, interpreter: Path) -> None:
+    """Measure a process that mirrors many homes into one store."""
+    seconds = 5.0 if effort.samples >= Effort.samples else 0.5
+    used: Rounds = {}
+    applied: Rounds = {}
+    threads: Rounds = {}
+    for count in FLEETS:
+        title = f"{count} homes"
+        with ExitStack() as stack:
+            homes, mirrors = _workers(stack, "tfdb_net", interpreter, 2)
+            endpoint = _free_endpoint()
+            homes.call("publish_fleet", endpoint, count)
+            homes.call("commit_fleet")
+            before = mirrors.call("threads")
+            mirrors.call("mirror_fleet", endpoint, count)
+            threads[title] = [mirrors.call("threads") - before]
+            homes.begin("commit_fleet", 10)
+            for _ in range(min(effort.rounds, 5)):
+                percent, commits = mirrors.call("used_by_fleet", seconds)
+                used.setdefault(title, []).append(percent)
+                applied.setdefault(title, []).append(commits)
+            homes.end()
+    row = "that mirrors homes of 10 commits/s, of ten transforms each, into one store"
+    _add(results, "sharing", f"CPU of a process {row}", 0, "%", used)
+    _add(results, "sharing", f"commits per second of a process {row}", 0, "1/s", applied)
+    _add(results, "sharing", f"threads of a process {row}", 0, "", threads)
+
+
+def _free_endpoint() -> str:
+    """Return an endpoint of this machine that is free now."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
 
 
 def _mirrored(results: Results, effort: Effort, interpreter: Path) -> None:
@@ -410,9 +448,7 @@ def _mirrored(results: Results, effort: Effort, interpreter: Path) -> None:
             home, mirror, rival = _workers(stack, "tfdb_net", interpreter, 3)
             for worker in (home, mirror, rival):
                 stack.callback(worker.call, "leave")
-            with socket.socket() as free:
-                free.bind(("127.0.0.1", 0))
-                endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+            endpoint = _free_endpoint()
             home.call("publish", endpoint, max_delay)
             home.call("commit")
             mirror.call("mirror", endpoint)
