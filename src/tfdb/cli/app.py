@@ -242,6 +242,7 @@ def cli(ctx: click.Context) -> None:
       ros1: or ros1:http://host:port            a live graph of ROS 1, by its master
       ros2: or ros2:7                           a live graph of ROS 2, by its domain
       ros2+zenoh: or ros2+zenoh:7               one of rmw_zenoh, without ROS
+      ros2+dds: or ros2+dds:7                   one over DDS, without ROS
 
     merge, rename and play read recordings and trajectories. convert also reads .tfdb files,
     for a trajectory or a viewer's file. monitor reads all but .tfdb files. watch reads live stores

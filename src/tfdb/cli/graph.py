@@ -1,6 +1,6 @@
 """Live graphs, where a file is taken as well: `ros1:`, `ros1:http://host:port`, `ros2:`, `ros2:7`.
 
-`ros2+zenoh:` is a graph of rmw_zenoh by a node that needs no ROS.
+`ros2+zenoh:` is a graph of rmw_zenoh, `ros2+dds:` one over DDS, by a node that needs no ROS.
 
 A command listens by a node of its own, and follows the store that it fills as it would follow one
 that processes share.
@@ -40,7 +40,7 @@ _NODE_NAME = "tfdb.node_name"
 _SECONDS = "tfdb.seconds"
 LISTENS = 5 * NS
 """How long a graph is listened to, as by tf2's view_frames."""
-_GRAPH = re.compile(r"(ros1|ros2(?:\+zenoh)?)(?::(.*))?", re.DOTALL)
+_GRAPH = re.compile(r"(ros1|ros2(?:\+(zenoh|dds))?)(?::(.*))?", re.DOTALL)
 _REMAPPING = re.compile(r"[~/A-Za-z_][A-Za-z0-9_/]*:=.*", re.ASCII | re.DOTALL)
 
 
@@ -50,7 +50,7 @@ STORE = "shm:"
 
 def is_graph(name: str) -> bool:
     """Whether a name, where a file is taken as well, is that of a live graph."""
-    return name.startswith(("ros1:", "ros2:", "ros2+zenoh:"))
+    return name.startswith(("ros1:", "ros2:", "ros2+zenoh:", "ros2+dds:"))
 
 
 def without_ros_arguments(ctx: click.Context, arguments: list[str]) -> list[str]:
@@ -177,17 +177,17 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
     match = _GRAPH.fullmatch(name)
     if match is None:
         raise click.UsageError(
-            f"{name!r} is not a graph: give ros1:, ros1:URI, ros2:, ros2:DOMAIN or"
-            " ros2+zenoh:DOMAIN"
+            f"{name!r} is not a graph: give ros1:, ros1:URI, ros2:, ros2:DOMAIN,"
+            " ros2+zenoh:DOMAIN or ros2+dds:DOMAIN"
         )
     side: Flavor = "ros1" if match[1] == "ros1" else "ros2"
     plain = re.sub(r"\W", "_", context.command_path.removeprefix("tfdb "))
     own = context.meta.get(_NODE_NAME) or f"tfdb_{plain}_{os.getpid()}"
     arguments: Sequence[str] = context.meta.get(_ROS_ARGUMENTS, ())
     ended, leaves = threading.Event(), threading.Event()
-    where = match[2] or ""
-    zenoh = match[1] == "ros2+zenoh"
-    with open_node(side, own, where=where, arguments=arguments, zenoh=zenoh) as node:
+    wire: Any = match[2]
+    where = match[3] or ""
+    with open_node(side, own, where=where, arguments=arguments, without_ros=wire) as node:
 
         def look(_now: int) -> None:
             if node.closed and not leaves.is_set():

@@ -76,7 +76,7 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
     "--clock",
     "graph",
     metavar="GRAPH",
-    help="Publish the store's clock on /clock of a graph: ros1:, ros2: or ros2+zenoh:.",
+    help="Publish the store's clock on /clock of a graph: ros1:, ros2:, ros2+zenoh: or ros2+dds:.",
 )
 @click.option(
     "--clock-rate",

@@ -142,8 +142,8 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
 )
 @click.option(
     "--rmw",
-    type=OneOf(["zenoh"]),
-    help="Join a graph of rmw_zenoh without ROS.  [default: rclpy, where it is installed]",
+    type=OneOf(["zenoh", "dds"]),
+    help="Join a graph of rmw_zenoh, or one over DDS, without ROS.  [default: rclpy, where it is installed]",
 )
 @_serves_graph
 def ros2(*, domain: str, rmw: str | None, into: str, history: int | None, as_json: bool) -> None:
@@ -153,10 +153,10 @@ def ros2(*, domain: str, rmw: str | None, into: str, history: int | None, as_jso
 
     This process listens; all others look up by tfdb.Buffer.open("NAME") or
     tfdb.tf2.Buffer(store="NAME"). It needs rclpy and tf2_msgs: source the setup.bash of ROS 2
-    first. --rmw zenoh needs neither. --ros-args works as in ROS. The store stays when the command
+    first. --rmw needs neither. --ros-args works as in ROS. The store stays when the command
     ends.
     """
-    _serve_graph(f"ros2{'+zenoh' if rmw else ''}:{domain}", into, history, as_json=as_json)
+    _serve_graph(f"ros2{f'+{rmw}' if rmw else ''}:{domain}", into, history, as_json=as_json)
 
 
 def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -> None:

@@ -2,7 +2,8 @@
 
 A message stays the bytes that it came as: `Buffer.ingest` decodes them natively. `TcprosNode` is a
 node of ROS 1 without any package of ROS, `RospyNode` one within rospy, `RclpyNode` one of ROS 2.
-`ZenohNode` is a node of ROS 2 in a graph of rmw_zenoh, without any package of ROS.
+`ZenohNode` is a node of ROS 2 in a graph of rmw_zenoh, `DdsNode` one in a graph over DDS, both
+without any package of ROS.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ from .choose_node import node_for
 from .node import Encoding, Flavor, Node, Publisher, Service, Subscription
 
 if TYPE_CHECKING:
+    from .dds_node import DdsNode
     from .rclpy_node import RclpyNode
     from .rospy_node import RospyNode
     from .tcpros_node import TcprosNode
     from .zenoh_node import ZenohNode
 
 __all__ = [
+    "DdsNode",
     "Encoding",
     "Flavor",
     "Node",
@@ -42,6 +45,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
     __getattr__, __dir__ = _offer(
         __name__,
         {
+            "dds_node": ("DdsNode",),
             "rclpy_node": ("RclpyNode",),
             "rospy_node": ("RospyNode",),
             "tcpros_node": ("TcprosNode",),

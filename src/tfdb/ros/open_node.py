@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tfdb.data.errors import InvalidArgument, InvalidName, NotSupported
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from .node import Flavor, Node
+
+    Wire = Literal["zenoh", "dds"]
 
 __all__ = ["open_node"]
 
@@ -30,7 +32,7 @@ def open_node(
     *,
     where: str = "",
     arguments: Sequence[str] = (),
-    zenoh: bool = False,
+    without_ros: Wire | None = None,
 ) -> Iterator[Node]:
     """Give a node of ROS 1 or ROS 2 that ends with the context.
 
@@ -47,11 +49,11 @@ def open_node(
     arguments
         Those that ROS understands: `from:=to` and `__name:=x` of ROS 1, and all from `--ros-args`
         on of ROS 2.
-    zenoh
-        Whether to take a `ZenohNode` for `ros2` in any case.
+    without_ros
+        For `ros2`: `zenoh` takes a `ZenohNode`, `dds` a `DdsNode`.
 
-    Raises NoMaster; ConnectionError without a Zenoh router; NotSupported without rclpy or tf2_msgs;
-    InvalidName; InvalidArgument for a domain or arguments that are none.
+    Raises NoMaster; ConnectionError without a Zenoh router; NotSupported without rclpy or tf2_msgs,
+    or the package that `without_ros` needs; InvalidName; InvalidArgument for a domain or arguments that are none.
     """
     if side == "ros1":
         from .tcpros_node import TcprosNode
@@ -59,8 +61,7 @@ def open_node(
         with TcprosNode(name, master=where or None, arguments=arguments) as ros1_node:
             yield ros1_node
     else:
-        make = _zenoh_node if zenoh else _ros2_node
-        with make(name, where, arguments) as ros2_node:
+        with _MAKERS[without_ros](name, where, arguments) as ros2_node:
             yield ros2_node
 
 
@@ -69,6 +70,14 @@ def _zenoh_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Nod
     from .zenoh_node import ZenohNode
 
     with ZenohNode(name, domain=domain_of(where), arguments=arguments) as node:
+        yield node
+
+
+@contextmanager
+def _dds_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node]:
+    from .dds_node import DdsNode
+
+    with DdsNode(name, domain=domain_of(where), arguments=arguments) as node:
         yield node
 
 
@@ -88,8 +97,8 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
             return
         raise NotSupported(
             f"ROS 2 needs rclpy and tf2_msgs, and this Python does not find them ({error}): source"
-            " the setup.bash of a ROS 2 that has this Python's version, or, in a graph of"
-            f" rmw_zenoh, use ros2+zenoh: or RMW_IMPLEMENTATION={ZENOH}"
+            " the setup.bash of a ROS 2 that has this Python's version, or use"
+            f" ros2+dds:, or, in a graph of rmw_zenoh, ros2+zenoh: or RMW_IMPLEMENTATION={ZENOH}"
         ) from error
     domain = domain_of(where) if where else None
     context = rclpy.Context()
@@ -122,3 +131,6 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
             theirs.destroy_node()
     finally:
         context.try_shutdown()
+
+
+_MAKERS = {None: _ros2_node, "zenoh": _zenoh_node, "dds": _dds_node}

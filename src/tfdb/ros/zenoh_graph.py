@@ -17,7 +17,7 @@ import zenoh
 
 from tfdb.data.errors import InvalidArgument
 
-from .loop import LOG
+from .refusals import Refusals
 from .zenoh_keys import NO_HASH, Attachment, node_of, publishers, quality, token, topic_key
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ _CONNECT_MS = 3000
 _PATIENCE = 2.0  # seconds for the tokens of a graph
 _HEARTBEAT = 0.5  # seconds, as rmw_zenoh's
 _MOST_NAMES = 10_000
-_MOST_TOLD = 1000
 
 
 def gid_of(text: str) -> bytes:
@@ -87,13 +86,12 @@ class ZenohGraph:
             text = f"no Zenoh router at {where}: start one, such as 'ros2 run rmw_zenoh_cpp "
             text += "rmw_zenohd', or name it in ZENOH_CONFIG_OVERRIDE"
             raise ConnectionError(text) from error
-        self.refused: int = 0
+        self.refusals = Refusals()
         self._names, self._domain = names, domain
         self._id = str(self._session.zid())
         self._numbers = count(1)
         self._lock = threading.Lock()
         self._nodes: dict[bytes, str] = {}
-        self._told: set[tuple[str, str]] = set()
         node = token(domain, self._id, 0, "NN", names.namespace, names.base)
         self._token = self._session.liveliness().declare_token(node)
 
@@ -156,15 +154,6 @@ class ZenohGraph:
             self._ask()
             found = self._nodes.setdefault(gid, gid.hex())
         return found
-
-    def refuse(self, topic: Topic, key: str, why: str) -> None:
-        """Count a message that is none of the wanted ones, and log it once."""
-        with self._lock:
-            self.refused += 1
-            if (key, why) in self._told or len(self._told) >= _MOST_TOLD:
-                return
-            self._told.add((key, why))
-        LOG.warning("left out a message on %s (%s): %s; said once", topic.name, key, why)
 
     def _ask(self) -> None:
         """Read who publishes."""
@@ -241,7 +230,7 @@ class _Hearing:
             try:
                 attachment = Attachment.decode(b"" if attached is None else attached.to_bytes())
             except ValueError as error:
-                self._graph.refuse(self._topic, key, str(error))
+                self._graph.refusals.add(self._topic.name, key, str(error))
                 continue
             self._take(sample.payload.to_bytes(), self._graph.node_of(attachment.gid))
 
@@ -253,7 +242,7 @@ class _Hearing:
         if (name, found) == (kind.wire, NO_HASH):
             return True
         why = f"its type is {name} with hash {found}, wanted is {kind.wire} with hash {kind.hash}"
-        self._graph.refuse(self._topic, key, why)
+        self._graph.refusals.add(self._topic.name, key, why)
         return False
 
 

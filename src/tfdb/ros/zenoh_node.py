@@ -68,4 +68,4 @@ class ZenohNode(WireNode):
     @property
     def refused(self) -> int:
         """How many messages were refused: another type, type hash or attachment."""
-        return self._graph.refused
+        return self._graph.refusals.count

@@ -1,0 +1,239 @@
+"""DDS below a node of ROS 2: the one file that imports cyclonedds."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import weakref
+from typing import TYPE_CHECKING, Any
+
+from cyclonedds._clayer import ddspy_take, ddspy_write
+from cyclonedds.core import (
+    DDSException,
+    GuardCondition,
+    InstanceState,
+    Policy,
+    Qos,
+    ReadCondition,
+    SampleState,
+    ViewState,
+    WaitSet,
+)
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import make_idl_struct, types
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic as DdsTopic
+from cyclonedds.util import duration
+
+from tfdb.data.errors import InvalidArgument
+from .loop import LOG
+from .refusals import Refusals
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .ros2_names import Ros2Names
+    from .wire_node import Topic
+
+__all__ = ["DdsGraph"]
+
+_ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_AT_ONCE = 64
+"""Messages that one call takes."""
+_HASH = re.compile(rb"typehash=([^;]*);")
+_MOST_SENDERS = 10_000
+_LEAST = 16
+"""Bytes of the smallest message: cyclonedds takes a smaller one for a disposal."""
+_COMMON = """<CycloneDDS><Domain id="any">
+<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>
+<Discovery><ParticipantIndex>auto</ParticipantIndex>
+<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex></Discovery>
+</Domain></CycloneDDS>"""
+_LOOPBACK = """<CycloneDDS><Domain id="any"><General><AllowMulticast>false</AllowMulticast>
+<Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces></General>
+<Discovery><Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
+
+_BLOCKS = duration(milliseconds=100)
+"""How long a publisher waits for slow subscribers."""
+
+_lock = threading.Lock()
+_domains: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
+
+
+def _configuration() -> str:
+    parts = [_COMMON]
+    local = os.environ.get("ROS_LOCALHOST_ONLY") == "1"
+    if local or os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST":
+        parts.append(_LOOPBACK)
+    return ",".join([*parts, *filter(None, [os.environ.get("CYCLONEDDS_URI")])])
+
+
+def _domain_of(number: int) -> Any:
+    """Configure a domain of this process, once. None: the program has done so. Holds it open."""
+    with _lock:
+        domain = _domains.get(number)
+        if domain is None:
+            text = _configuration()
+            try:
+                domain = Domain(number, text)
+            except DDSException as error:
+                if error.code == DDSException.DDS_RETCODE_PRECONDITION_NOT_MET:
+                    return None
+                raise InvalidArgument(
+                    f"DDS does not start ({error.msg}): CYCLONEDDS_URI must be a configuration of"
+                    f" Cyclone DDS; got {os.environ.get('CYCLONEDDS_URI', '')!r}",
+                    value=text,
+                ) from error
+            _domains[number] = domain
+        return domain
+
+
+def _quality(topic: Topic) -> Any:
+    durability = Policy.Durability
+    return Qos(
+        Policy.Reliability.Reliable(_BLOCKS),
+        durability.TransientLocal if topic.latched else durability.Volatile,
+        Policy.History.KeepLast(max(topic.depth, 1)),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(f"typehash={topic.kind.hash};".encode()),
+    )
+
+
+class DdsGraph:
+    """See `Link`. Threads: any."""
+
+    def __init__(self, names: Ros2Names, domain: int) -> None:
+        self.refusals = Refusals()
+        self._names = names
+        self._domain = _domain_of(domain)
+        try:
+            self._participant: Any = DomainParticipant(domain)
+        except DDSException as error:
+            text = f"DDS does not start in domain {domain}: {error.msg}"
+            raise ConnectionError(text) from error
+        self._topics: dict[tuple[str, str], Any] = {}
+        self._lock = threading.Lock()
+        self._own: set[bytes] = set()
+
+    def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> _Hearing:
+        """See `Link`."""
+        reader = DataReader(self._participant, self._topic(topic), _quality(topic))
+        return _Hearing(self, self._participant, topic, reader, take)
+
+    def offer(self, topic: Topic) -> _Offering:
+        """See `Link`."""
+        writer = DataWriter(self._participant, self._topic(topic), _quality(topic))
+        with self._lock:
+            self._own.add(writer.get_guid().bytes)
+        return _Offering(writer, topic.name)
+
+    def close(self) -> None:
+        """See `Link`."""
+        self._topics.clear()
+        self._participant = self._domain = None
+
+    def name_of(self, gid: bytes) -> str:
+        """Name of an own publisher's node; the gid of another one."""
+        return self._names.node if gid in self._own else gid.hex()
+
+    def _topic(self, topic: Topic) -> Any:
+        """The DDS topic. Each type is bytes: cyclonedds passes serialized messages on as is."""
+        key = (topic.name, topic.kind.wire)
+        with self._lock:
+            if key not in self._topics:
+                fields = {"data": types.sequence[types.uint8]}
+                kind = make_idl_struct("Serialized", topic.kind.wire, fields)
+                self._topics[key] = DdsTopic(self._participant, f"rt{topic.name}", kind)
+            return self._topics[key]
+
+
+class _Hearing:
+    """A subscription, and the thread that receives. Threads: any may close it."""
+
+    def __init__(
+        self,
+        graph: DdsGraph,
+        participant: Any,
+        topic: Topic,
+        reader: Any,
+        take: Callable[[bytes, str], None],
+    ) -> None:
+        self._graph, self._topic, self._take = graph, topic, take
+        self._senders: dict[int, tuple[str, str]] = {}
+        self._end = GuardCondition(participant)
+        self._is_closed = False
+        self._thread = threading.Thread(
+            target=self._run,
+            args=(reader, participant),
+            name=f"tfdb ROS {topic.name}",
+            daemon=True,
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it."""
+        self._is_closed = True
+        self._end.set(True)
+        if self._thread is not threading.current_thread():
+            self._thread.join(1.0)  # a callback may wait
+
+    def _run(self, reader: Any, participant: Any) -> None:
+        waiting = WaitSet(participant)
+        waiting.attach(ReadCondition(reader, _ANY))
+        waiting.attach(self._end)
+        while not self._is_closed:
+            waiting.wait(duration(infinite=True))
+            samples = ddspy_take(reader._ref, _ANY, _AT_ONCE)
+            if isinstance(samples, int):
+                return  # the domain was closed
+            for data, info in samples:
+                if self._is_closed:
+                    return
+                if info.valid_data:
+                    self._hand_on(reader, data, info.publication_handle)
+
+    def _hand_on(self, reader: Any, data: bytes, handle: int) -> None:
+        sender = self._senders.get(handle)
+        if sender is None:
+            sender = self._sender(reader, handle)
+        name, why = sender
+        if why:
+            self._graph.refusals.add(self._topic.name, name, why)
+        else:
+            self._take(data, name)
+
+    def _sender(self, reader: Any, handle: int) -> tuple[str, str]:
+        """Name of a publisher, and why its messages are refused."""
+        endpoint = reader.get_matched_publication_data(handle)
+        if endpoint is None:  # it has left
+            return f"{handle & (1 << 64) - 1:016x}", ""
+        user_data = endpoint.qos[Policy.Userdata]
+        found = _HASH.search(b"" if user_data is None else user_data.data)
+        wanted, why = self._topic.kind.hash, ""
+        if found is not None and (their := found[1].decode(errors="replace")) != wanted:
+            why = f"its type hash is {their}, wanted is {wanted}"
+        if len(self._senders) >= _MOST_SENDERS:
+            self._senders.clear()
+        sender = self._graph.name_of(endpoint.key.bytes), why
+        self._senders[handle] = sender
+        return sender
+
+
+class _Offering:
+    """A publisher. Threads: any."""
+
+    def __init__(self, writer: Any, topic: str) -> None:
+        self._writer, self._topic = writer, topic
+
+    def send(self, data: bytes) -> None:
+        """Send a message. Slow subscribers lose it after 100 ms, and the log says so."""
+        size = max(len(data) + 3 & ~3, _LEAST)
+        code = ddspy_write(self._writer._ref, data.ljust(size, b"\0"))
+        if code < 0:
+            LOG.warning("a message on %s was not sent: %s", self._topic, DDSException(code))
+
+    def close(self) -> None:
+        """End it."""
+        self._writer = None

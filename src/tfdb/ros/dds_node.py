@@ -1,0 +1,67 @@
+"""A node of ROS 2 in a graph over DDS, without a package of ROS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.data.errors import NotSupported
+
+from .names import anonymous
+from .ros2_names import Ros2Names, domain_of
+from .wire_node import WireNode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["DdsNode"]
+
+
+class DdsNode(WireNode):
+    """A node in a graph over DDS: topics and a clock, over PyPI's cyclonedds.
+
+    It sends and receives `tf2_msgs/TFMessage`, `rosgraph_msgs/Clock` and
+    `diagnostic_msgs/DiagnosticArray`. Messages of publishers whose type hash differs are counted,
+    logged once and refused. Callbacks get the publisher's gid in hexadecimal digits; for messages
+    of this node, its name.
+
+    Threads: any may call anything. Each subscription has a thread, which calls its callback.
+
+    Parameters
+    ----------
+    name
+        Without namespace; None: one that no other node has.
+    domain
+        ROS domain; None: ROS_DOMAIN_ID, or 0.
+    arguments
+        Those of the program, for remappings behind `--ros-args`; None: `sys.argv`.
+
+    Raises NotSupported without cyclonedds, ConnectionError if DDS does not start, InvalidName,
+    InvalidArgument, also for a CYCLONEDDS_URI that is no configuration.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        *,
+        domain: int | None = None,
+        arguments: Sequence[str] | None = None,
+    ) -> None:
+        try:
+            from .dds_graph import DdsGraph  # noqa: PLC0415 - an extra
+        except ImportError as error:
+            text = f"DDS without ROS needs cyclonedds: pip install 'tfdb[dds]' ({error});"
+            text += " PyPI has it for Linux on x86_64"
+            raise NotSupported(text, reason="cyclonedds") from error
+        names = Ros2Names(anonymous("tfdb") if name is None else name, arguments)
+        graph = DdsGraph(names, domain_of("" if domain is None else str(domain)))
+        try:
+            super().__init__(names, graph)
+        except BaseException:
+            graph.close()
+            raise
+        self._graph = graph
+
+    @property
+    def refused(self) -> int:
+        """How many messages were refused: their publisher has another type hash."""
+        return self._graph.refusals.count
