@@ -49,6 +49,11 @@ def _domain() -> tuple[int, socket.socket]:
     raise AssertionError("each of the 100 ROS domains is taken")
 
 
+def own_domain() -> int:
+    """A ROS domain that no other process of tests has."""
+    return _domain()[0]
+
+
 def environment() -> dict[str, str]:
     """Variables of a process that has ROS 2, tfdb and a graph of its own; or a skip."""
     tool = _tool()
@@ -57,7 +62,7 @@ def environment() -> dict[str, str]:
     found: dict[str, str] = tool.environment()
     return found | {
         "PYTHONPATH": os.pathsep.join([found["PYTHONPATH"], str(ROOT / "tests")]),
-        "ROS_DOMAIN_ID": str(_domain()[0]),
+        "ROS_DOMAIN_ID": str(own_domain()),
     }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import queue
 import socket
 import time
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ import pytest
 import tfdb
 from docs.test_howto import ROOT, blocks
 from ros.commands import Command, tfdb_json, tfdb_says
+from ros.hearing import LIMIT, TF, Heard, S, message, published_until_heard
 from tfdb import tf2
 from tfdb.tf2 import msgs
 
@@ -25,17 +25,8 @@ HAS_ZENOH = importlib.util.find_spec("zenoh") and importlib.util.find_spec("xxha
 pytestmark = pytest.mark.skipif(
     not HAS_ZENOH and "CI" not in os.environ, reason="eclipse-zenoh and xxhash are not installed"
 )
-TF = "tf2_msgs/TFMessage"
 KEY = "7/tf/tf2_msgs::msg::dds_::TFMessage_/RIHS01_"
 HASH = "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
-LIMIT = 20.0
-S = 1_000_000_000
-
-
-def message(x: float, parent: str = "map", child: str = "base", stamp: int = 5 * S) -> bytes:
-    moved = msgs.Transform(msgs.Vector3(x, 2.0, -3.0), msgs.Quaternion(0.6, 0.0, 0.0, 0.8))
-    header = msgs.Header(msgs.Time.from_nanoseconds(stamp), parent)
-    return tfdb.encode_tf_message([msgs.TransformStamped(header, child, moved)], "cdr")
 
 
 @pytest.fixture
@@ -65,32 +56,6 @@ def node(name: str, *arguments: str) -> Any:
     from tfdb.ros import ZenohNode
 
     return ZenohNode(name, arguments=arguments)
-
-
-class Heard:
-    """Messages that came, with their publishers."""
-
-    def __init__(self) -> None:
-        self.messages: queue.Queue[tuple[bytes, str]] = queue.Queue()
-
-    def __call__(self, data: bytes | memoryview, publisher: str) -> None:
-        self.messages.put((bytes(data), publisher))
-
-    def next(self) -> tuple[bytes, str]:
-        return self.messages.get(timeout=LIMIT)
-
-
-def published_until_heard(publisher: Any, heard: Heard, data: bytes) -> tuple[bytes, str]:
-    """Publish until a message arrives: a subscription takes its time to reach the publisher."""
-    until = time.monotonic() + LIMIT
-    while heard.messages.empty():
-        assert time.monotonic() < until
-        publisher.publish(data)
-        try:
-            return heard.messages.get(timeout=0.05)
-        except queue.Empty:
-            continue
-    return heard.next()
 
 
 def test_messages_arrive_with_the_name_of_the_node(router: Any) -> None:

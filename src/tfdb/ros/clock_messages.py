@@ -22,10 +22,11 @@ def encode_clock(stamp: int, *, cdr: bool) -> bytes:
 
 
 def decode_clock(data: bytes | memoryview, *, cdr: bool) -> int:
-    """Return nanoseconds. Raises CorruptMessage for another length."""
+    """Return nanoseconds. Raises CorruptMessage for another length; CDR may have padding behind."""
     form, header = (_ROS2, len(_HEADER)) if cdr else (_ROS1, 0)
-    if len(data) != header + form.size:
-        text = f"a {CLOCK_KIND} of {len(data)} bytes; it has {header + form.size}"
+    size = header + form.size
+    if len(data) < size or (len(data) > size and not cdr):
+        text = f"a {CLOCK_KIND} of {len(data)} bytes; it has {size}"
         raise CorruptMessage(text, offset=0, reason="length")
     seconds, nanoseconds = form.unpack_from(data, header)
     found: int = seconds * NS_PER_SECOND + nanoseconds

@@ -139,11 +139,15 @@ class DdsGraph:
         return self._names.node if gid in self._own else gid.hex()
 
     def _topic(self, topic: Topic) -> Any:
-        """The DDS topic. Each type is bytes: cyclonedds passes serialized messages on as is."""
+        """The DDS topic.
+
+        cyclonedds passes serialized messages on whole, but compares them with their type: so each
+        has one that asks for one byte.
+        """
         key = (topic.name, topic.kind.wire)
         with self._lock:
             if key not in self._topics:
-                fields = {"data": types.sequence[types.uint8]}
+                fields = {"first": types.uint8}
                 kind = make_idl_struct("Serialized", topic.kind.wire, fields)
                 self._topics[key] = DdsTopic(self._participant, f"rt{topic.name}", kind)
             return self._topics[key]

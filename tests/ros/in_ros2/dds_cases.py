@@ -1,0 +1,112 @@
+"""Our node over DDS and nodes of the real rclpy, in one graph."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from ros import hearing
+from ros.in_ros2.graph import TF, Graph, as_bytes, message, numbers, until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+if importlib.util.find_spec("cyclonedds") is None and "CI" not in os.environ:
+    pytest.skip("cyclonedds is not installed", allow_module_level=True)
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+COUNT = 50
+
+
+@pytest.fixture
+def ours() -> Iterator[Any]:
+    from tfdb.ros import DdsNode
+
+    with DdsNode("ours", arguments=[]) as node:
+        yield node
+
+
+def test_tf_from_rclpy(graph: Graph, ours: Any) -> None:
+    publisher = graph.node("theirs").create_publisher(TFMessage, "/tf", 100)
+    heard = hearing.Heard()
+    ours.subscribe("/tf", TF, heard)
+    until(lambda: not heard.messages.empty(), meanwhile=lambda: publisher.publish(message(0)))
+    for number in range(1, COUNT):
+        publisher.publish(message(number, frames=10))
+    found = []
+    while not found or found[-1] != COUNT - 1:
+        data, sender = heard.next()
+        assert len(bytes.fromhex(sender)) == 16
+        found += numbers([data])
+    assert found[found.index(1) :] == [*range(1, COUNT)]
+    assert ours.refused == 0
+
+
+def test_tf_to_rclpy(graph: Graph, ours: Any) -> None:
+    heard: list[bytes] = []
+    node = graph.node("theirs", spin=True)
+    node.create_subscription(TFMessage, "/tf", heard.append, 100, raw=True)
+    publisher = ours.advertise("/tf", TF, depth=COUNT)
+    until(lambda: bool(heard), meanwhile=lambda: publisher.publish(as_bytes(0)))
+    for number in range(1, COUNT):
+        publisher.publish(as_bytes(number, frames=10))
+    until(lambda: numbers(heard[-1:]) == [COUNT - 1])
+    found = numbers(heard)
+    assert found[found.index(1) :] == [*range(1, COUNT)]
+
+
+@pytest.mark.parametrize("first", ["publisher", "subscriber"])
+def test_statics_from_rclpy(graph: Graph, ours: Any, first: str) -> None:
+    node, heard = graph.node("theirs"), hearing.Heard()
+    if first == "publisher":
+        publisher = node.create_publisher(TFMessage, "/tf_static", LATCHED)
+        publisher.publish(message(7, frames=3))
+    ours.subscribe("/tf_static", TF, heard, latched=True)
+    if first == "subscriber":
+        publisher = node.create_publisher(TFMessage, "/tf_static", LATCHED)
+        publisher.publish(message(7, frames=3))
+    assert numbers([heard.next()[0]]) == [7]
+
+
+@pytest.mark.parametrize("first", ["publisher", "subscriber"])
+def test_statics_to_rclpy(graph: Graph, ours: Any, first: str) -> None:
+    node = graph.node("theirs", spin=True)
+    heard: list[bytes] = []
+
+    def listen() -> None:
+        node.create_subscription(TFMessage, "/tf_static", heard.append, LATCHED, raw=True)
+
+    if first == "subscriber":
+        listen()
+    ours.advertise("/tf_static", TF, latched=True, depth=1).publish(as_bytes(8, frames=3))
+    if first == "publisher":
+        listen()
+    until(lambda: numbers(heard) == [8])
+
+
+def test_simulated_time_from_rclpy(graph: Graph) -> None:
+    from rosgraph_msgs.msg import Clock
+
+    from tfdb.ros import DdsNode
+
+    publisher = graph.node("theirs").create_publisher(Clock, "/clock", 1)
+    sent = Clock()
+    sent.clock.sec, sent.clock.nanosec = 12, 5
+    with DdsNode("ours", arguments=["--ros-args", "-p", "use_sim_time:=true"]) as ours:
+        until(lambda: ours.now() > 0, meanwhile=lambda: publisher.publish(sent))
+        assert ours.now() == 12 * hearing.S + 5
+
+
+def test_rclpy_knows_the_type_hash(graph: Graph, ours: Any) -> None:
+    from tfdb.ros.ros2_names import kind_of
+
+    ours.advertise("/tf", TF)
+    node = graph.node("theirs", spin=True)
+    until(lambda: bool(node.get_publishers_info_by_topic("/tf")))
+    (info,) = node.get_publishers_info_by_topic("/tf")
+    assert bytes(info.topic_type_hash.value).hex() == kind_of(TF).hash.removeprefix("RIHS01_")
