@@ -67,7 +67,7 @@ def test_own_messages_have_the_name_of_the_node() -> None:
 
 
 @pytest.mark.parametrize("first", ["publisher", "subscriber"])
-def test_latched_messages_arrive_whoever_comes_first(first: str) -> None:
+def test_latched_messages_arrive_in_either_order(first: str) -> None:
     heard = Heard()
     with node("sends") as sends, node("hears") as hears:
 

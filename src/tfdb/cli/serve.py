@@ -143,7 +143,8 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
 @click.option(
     "--rmw",
     type=OneOf(["zenoh", "dds"]),
-    help="Join a graph of rmw_zenoh, or one over DDS, without ROS.  [default: rclpy, where it is installed]",
+    help="Join a graph of rmw_zenoh, or one over DDS, without ROS."
+    "  [default: rclpy, where it is installed]",
 )
 @_serves_graph
 def ros2(*, domain: str, rmw: str | None, into: str, history: int | None, as_json: bool) -> None:

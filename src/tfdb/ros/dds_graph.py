@@ -28,6 +28,7 @@ from cyclonedds.topic import Topic as DdsTopic
 from cyclonedds.util import duration
 
 from tfdb.data.errors import InvalidArgument
+
 from .loop import LOG
 from .refusals import Refusals
 
@@ -167,7 +168,7 @@ class _Hearing:
         self._graph, self._topic, self._take = graph, topic, take
         self._senders: dict[int, tuple[str, str]] = {}
         self._end = GuardCondition(participant)
-        self._is_closed = False
+        self._closed = threading.Event()
         self._thread = threading.Thread(
             target=self._run,
             args=(reader, participant),
@@ -178,7 +179,7 @@ class _Hearing:
 
     def close(self) -> None:
         """End it."""
-        self._is_closed = True
+        self._closed.set()
         self._end.set(True)
         if self._thread is not threading.current_thread():
             self._thread.join(1.0)  # a callback may wait
@@ -187,13 +188,13 @@ class _Hearing:
         waiting = WaitSet(participant)
         waiting.attach(ReadCondition(reader, _ANY))
         waiting.attach(self._end)
-        while not self._is_closed:
+        while not self._closed.is_set():
             waiting.wait(duration(infinite=True))
             samples = ddspy_take(reader._ref, _ANY, _AT_ONCE)
             if isinstance(samples, int):
                 return  # the domain was closed
             for data, info in samples:
-                if self._is_closed:
+                if self._closed.is_set():
                     return
                 if info.valid_data:
                     self._hand_on(reader, data, info.publication_handle)

@@ -36,7 +36,7 @@ class DdsNode(WireNode):
         Those of the program, for remappings behind `--ros-args`; None: `sys.argv`.
 
     Raises NotSupported without cyclonedds, ConnectionError if DDS does not start, InvalidName,
-    InvalidArgument, also for a CYCLONEDDS_URI that is no configuration.
+    InvalidArgument, also for an invalid CYCLONEDDS_URI.
     """
 
     def __init__(

@@ -53,7 +53,8 @@ def open_node(
         For `ros2`: `zenoh` takes a `ZenohNode`, `dds` a `DdsNode`.
 
     Raises NoMaster; ConnectionError without a Zenoh router; NotSupported without rclpy or tf2_msgs,
-    or the package that `without_ros` needs; InvalidName; InvalidArgument for a domain or arguments that are none.
+    or the package that `without_ros` needs; InvalidName; InvalidArgument for a domain or arguments
+    that are none.
     """
     if side == "ros1":
         from .tcpros_node import TcprosNode

@@ -102,7 +102,7 @@ def test_simulated_time_from_rclpy(graph: Graph) -> None:
         assert ours.now() == 12 * hearing.S + 5
 
 
-def test_rclpy_knows_the_type_hash(graph: Graph, ours: Any) -> None:
+def test_rclpy_shows_the_type_hash(graph: Graph, ours: Any) -> None:
     from tfdb.ros.ros2_names import kind_of
 
     ours.advertise("/tf", TF)
