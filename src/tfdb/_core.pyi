@@ -987,10 +987,9 @@ class NativeBuffer(Reads):
         CorruptMessage
             The bytes are damaged, cut short, or of another version; `offset` is the byte.
         InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
-            They cannot be stored.
+            They cannot be stored; InvalidTransform also for a commit that stores an edge twice.
         InvalidArgument
-            The prefix is not the one of the first call, or it overlaps another source's; a commit stores
-            an edge twice.
+            The prefix is not the one of the first call, or it overlaps another source's.
         CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
             As of a write.
 

@@ -356,7 +356,8 @@ def test_several_homes_in_one_store(links: Links) -> None:
         wrong.events() as events,
     ):
         sources[0].set_transform("map", "base", 20, *pose(1))
-        assert "with prefix 'r1/', not 'r'" in wait_for(events, "refused").text
+        assert "with prefix 'r1/', not 'r'" in wait_for(events, "ended").text
+        assert wrong.state == "ended"
     for each in (*mirrors, *homes):
         each.close()
 

@@ -53,7 +53,7 @@ def test_homes_and_mirrors_answer() -> None:
             tfdb.net.publish(source, NAME, session=here) as home,
             tfdb.net.publish(other, "robot2", session=here),
             tfdb.net.mirror(NAME, into=fleet, prefix="a/", session=there) as first,
-            tfdb.net.mirror(NAME, into=fleet, prefix="b/", session=there),
+            tfdb.net.mirror(NAME, into=tfdb.Buffer(), prefix="b/", session=there),
             tfdb.net.mirror("robot3", into=tfdb.Buffer(), session=there),
         ):
             expected = [

@@ -320,9 +320,14 @@ private:
                 mark_cleared(child, author);
             return;
         }
-        if (!written_.insert(child))
-            throw InvalidArgument("a commit stores the edge of frame " +
-                                  quoted(names_[edge.child]) + " twice");
+        if (!written_.insert(child)) {
+            ErrorDetail detail;
+            detail.edge = names_[edge.child];
+            detail.reason = "a commit stores the edge twice";
+            throw InvalidTransform(
+                "a commit stores the edge of frame " + quoted(detail.edge) + " twice",
+                std::move(detail));
+        }
         // The source clears an edge before it changes its kind: here another writer has done so.
         if (writer.has_samples() && !cleared_.contains(child) &&
             (!is_written_here(child) || writer.is_static() != edge.is_static)) {

@@ -539,10 +539,10 @@ public:
     /// which takes away what this source had. The position is part of the commit. What is at or
     /// before it is skipped. Throws, and leaves the store as the last whole commit did: OutOfOrder
     /// (commits between are missing, or a later epoch or another choice of frames begins without a
-    /// state), Fenced (an earlier epoch), CorruptMessage, InvalidName, InvalidTransform,
-    /// InvalidStamp, CycleError, FrameInUse, CapacityExceeded, InvalidArgument (prefix; an edge
-    /// twice in a commit), NotSupported (other engines than the default one), and what a write
-    /// throws.
+    /// state), Fenced (an earlier epoch), CorruptMessage, InvalidName, InvalidTransform (also: an
+    /// edge twice in a commit), InvalidStamp, CycleError, FrameInUse, CapacityExceeded,
+    /// InvalidArgument (prefix), NotSupported (other engines than the default one), and what a
+    /// write throws.
     Applied apply(std::span<const std::byte> sample, const ApplyOptions& options = {});
     /// Forgets the position of a source, in one commit; the next thing of it that is applied must
     /// be a state. Its frames stay until then. False: nothing was applied, and nothing changed.

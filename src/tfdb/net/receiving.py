@@ -35,8 +35,8 @@ SILENCE = 2.0
 _PAUSES = 0.05, 2.0
 _MOST_WAITING = 8 << 20
 """Bytes of commits that are kept while those before them are asked for."""
-_ENDS = BufferClosed, NoSuchStore, NotSupported, ReadOnly
-"""Errors of the mirror's own store, which no later message mends."""
+_ENDS = BufferClosed, InvalidArgument, NoSuchStore, NotSupported, ReadOnly
+"""Errors of the mirror's own store, or of its prefix, which no later message mends."""
 
 
 class Receiver:
