@@ -58,7 +58,7 @@ class Session(Closable):
     NotSupported
         PyPI's eclipse-zenoh is not installed.
     ConnectionError
-        No router answers, or the endpoint is taken.
+        No router answers, or it cannot listen at an endpoint.
     InvalidArgument
         `config` beside the others or not valid; an endpoint of another form than
         PROTOCOL/HOST:PORT; `wait` is negative.

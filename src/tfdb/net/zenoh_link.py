@@ -46,8 +46,13 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        text = f"no Zenoh router at {where}, or the endpoint is taken: start one, for example by "
-        text += "listen= (--listen) of one of the processes"
+        text = f"no Zenoh router at {where}: start one, for example by listen= (--listen) of one "
+        text += "of the processes"
+        if here := listeners(config):
+            text = f"cannot listen at {', '.join(here)}: another program does, or this machine "
+            text += "does not have the address"
+            if config.get_json("connect/endpoints") != "[]":
+                text += "; or what connect= (--connect) names does not answer"
         raise ConnectionError(text) from error
 
 
