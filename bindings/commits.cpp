@@ -46,7 +46,7 @@ Epoch epoch_of(nb::handle record) {
 
 nb::object position_record(const Position& position) {
     return record_type("Position")(str_of_name(position.source), epoch_record(position.epoch),
-                                   position.commit);
+                                   position.commit, str_of_name(position.prefix));
 }
 
 nb::bytes commits_bytes(BufferObject& self, nb::handle since, nb::handle max_commits,

@@ -351,12 +351,12 @@ def test_several_homes_in_one_store(links: Links) -> None:
         each.wait_until_live(LONGEST)
     assert fleet.frames() == ["map", "r1/base", "r2/base"]
     assert sorted(p.source for p in fleet.positions()) == ["robot1", "robot2"]
-    with (
-        Mirror(fleet, "robot1", link, prefix="r") as wrong,
-        wrong.events() as events,
-    ):
-        sources[0].set_transform("map", "base", 20, *pose(1))
-        assert "with prefix 'r1/', not 'r'" in wait_for(events, "ended").text
+    with pytest.raises(tfdb.InvalidArgument, match="with prefix 'r1/' already, not 'r'"):
+        Mirror(fleet, "robot1", link, prefix="r")
+    with Mirror(fleet, "robot3", link, prefix="r1/arm/") as wrong, wrong.events() as events:
+        with new_home(sources[0], links(), "robot3"):
+            text = wait_for(events, "ended").text
+        assert "'r1/arm/' of source 'robot3' overlaps prefix 'r1/' of source 'robot1'" in text
         assert wrong.state == "ended"
     for each in (*mirrors, *homes):
         each.close()

@@ -581,7 +581,8 @@ Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& optio
         applying.commit(next < commits.size() ? commits[next] : nothing,
                         done ? sample.last : commits[next + 1].number - 1);
     }
-    return {{std::string(options.source), sample.epoch, sample.last, applying.choice()},
+    return {{std::string(options.source), sample.epoch, sample.last, applying.choice(),
+             std::string(options.prefix)},
             applying.take_replaced()};
 }
 

@@ -210,7 +210,8 @@ struct Position {
     Epoch epoch;
     CommitNumber commit = 0;  // the last one
     std::uint64_t choice =
-        0;  // digests of the frames that are shared, and of those that were chosen
+        0;                 // digests of the frames that are shared, and of those that were chosen
+    std::string prefix{};  // before its frames' names
 
     [[nodiscard]] bool operator==(const Position&) const = default;
 };

@@ -96,6 +96,7 @@ std::optional<Position> Positions::position(Record record) const {
         if (load(record, slot + kValidFrom) != from)
             continue;
         found.source = source(record);
+        found.prefix = prefix(record);
         return found;
     }
 }

@@ -478,6 +478,8 @@ class Position:
     """The epoch of the other store."""
     commit: int
     """The last commit of it that has been applied."""
+    prefix: str
+    """Text before the names of its frames here."""
 
 
 class Touched(NamedTuple):

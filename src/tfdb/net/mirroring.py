@@ -411,8 +411,9 @@ def mirror(
     ------
     InvalidName
         No namespace can have the name.
-    TypeError
-        A value that a parameter does not take.
+    InvalidArgument, TypeError
+        A value that a parameter does not take, such as another prefix than that with which the
+        store has the namespace already.
     NotSupported
         PyPI's eclipse-zenoh is not installed.
     ConnectionError

@@ -373,8 +373,12 @@ class Receiver:
             self._follow(self.position.epoch)
 
     def _stored(self) -> Position | None:
-        found = self._buffer.positions()
-        return next((each for each in found if each.source == self._options["source"]), None)
+        source, prefix = self._options["source"], self._options["prefix"]
+        found = next((each for each in self._buffer.positions() if each.source == source), None)
+        if found is not None and found.prefix != prefix:
+            text = f"the store has {source!r} with prefix {found.prefix!r} already, not {prefix!r}"
+            raise InvalidArgument(f"{text}: use this prefix, or another store")
+        return found
 
     def _is_behind(self) -> bool:
         position = self.position
