@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import tfdb
-from tests.net.conftest import LONGEST, memory_links
+from tests.net.conftest import LONGEST, free_endpoint, memory_links, needs_zenoh
 from tests.recorder.reading import state_of
 from tests.test_changes import Writer, pose
 from tfdb.data.types import Epoch
@@ -460,6 +460,22 @@ def test_wrong_arguments() -> None:
         publish(tfdb.Buffer(), "robot1", max_delay=-1)
     with pytest.raises(tfdb.errors.NotSupported, match="keeps no feed"):
         publish(tfdb.Buffer(concurrency="silo"), "robot1")
+
+
+@needs_zenoh
+def test_a_store_that_cannot_be_written_is_refused_at_once(tmp_path: Path) -> None:
+    tfdb.Buffer().freeze(tmp_path / "state.tfdb")
+    frozen, engine = tfdb.open(tmp_path / "state.tfdb"), tfdb.Buffer(concurrency="silo")
+    closed = tfdb.Buffer()
+    closed.close()
+    with tfdb.net.Session(listen=free_endpoint()) as session:
+        for store, kind in (
+            (frozen, tfdb.errors.ReadOnly),
+            (engine, tfdb.errors.NotSupported),
+            (closed, tfdb.errors.BufferClosed),
+        ):
+            with pytest.raises(kind):
+                mirror(NAME, into=store, session=session)  # type: ignore[arg-type]
 
 
 def test_tokens() -> None:

@@ -415,11 +415,11 @@ def mirror(
         A value that a parameter does not take, such as another prefix than that with which the
         store has the namespace already.
     NotSupported
-        PyPI's eclipse-zenoh is not installed.
+        PyPI's eclipse-zenoh is not installed, or the store's engine takes no commits of others.
     ConnectionError
         No router answers.
-    ReadOnly, LockTimeout
-        The store was the home of the namespace, and cannot be written.
+    ReadOnly, LockTimeout, BufferClosed, TransactionActive
+        The store cannot be written.
     """
     refuse_without(into, "into", "a Buffer", "apply", "positions")
     name = check_network_name(name)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb.data.errors import FeedLapped, Gone, InvalidArgument
 from tfdb.data.sample_heads import numbers_of
-from tfdb.data.types import Epoch
+from tfdb.data.types import Epoch, Position
 
 from .messages import LIMIT, MOST_NUMBER, NONE, Head, head_bytes, in_epoch, state_messages
 
@@ -81,10 +81,12 @@ def take_over(buffer: Buffer, source: str, epoch: Epoch) -> Origin:
 def step_back(buffer: Buffer, source: str, homes: Iterable[Epoch]) -> None:
     """Make the store of a promoted home, which is not one of `homes` now, that of a mirror again.
 
-    Raises as a write.
+    Raises as a write, also where there is nothing to do.
     """
-    for each in buffer.positions():
-        if each.source == source and each.epoch not in homes:
+    nowhere = Position(source, NONE, 0, "")
+    found = [each for each in buffer.positions() if each.source == source]
+    for each in found or [nowhere]:
+        if each.epoch not in homes:
             buffer._hand_over(source, "adopt", each.epoch, from_=each)
 
 
