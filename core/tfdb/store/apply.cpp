@@ -321,12 +321,12 @@ private:
             return;
         }
         if (!written_.insert(child)) {
+            const std::string& name = names_[edge.child];
             ErrorDetail detail;
-            detail.edge = names_[edge.child];
+            detail.edge = name;
             detail.reason = "a commit stores the edge twice";
-            throw InvalidTransform(
-                "a commit stores the edge of frame " + quoted(detail.edge) + " twice",
-                std::move(detail));
+            throw InvalidTransform("a commit stores the edge of frame " + quoted(name) + " twice",
+                                   std::move(detail));
         }
         // The source clears an edge before it changes its kind: here another writer has done so.
         if (writer.has_samples() && !cleared_.contains(child) &&
