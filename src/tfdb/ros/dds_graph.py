@@ -106,7 +106,7 @@ class DdsGraph:
     """See `Link`. Threads: any."""
 
     def __init__(self, names: Ros2Names, domain: int) -> None:
-        self.refusals = Refusals()
+        self.refusals: Refusals = Refusals()
         self._names = names
         self._domain = _domain_of(domain)
         try:

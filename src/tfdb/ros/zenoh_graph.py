@@ -86,7 +86,7 @@ class ZenohGraph:
             text = f"no Zenoh router at {where}: start one, such as 'ros2 run rmw_zenoh_cpp "
             text += "rmw_zenohd', or name it in ZENOH_CONFIG_OVERRIDE"
             raise ConnectionError(text) from error
-        self.refusals = Refusals()
+        self.refusals: Refusals = Refusals()
         self._names, self._domain = names, domain
         self._id = str(self._session.zid())
         self._numbers = count(1)
