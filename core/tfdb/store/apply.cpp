@@ -128,7 +128,7 @@ public:
         StoreCommit made = store_.start_commit_of(source_);
         commit_ = &made;
         if (is_state) {
-            // This store was the source's home, and is no longer.
+            // This store was the source's home before.
             if (const auto before = store_.positions.position(record_);
                 before && before->choice == Positions::kReleased)
                 adopt(store_, source_);

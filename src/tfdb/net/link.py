@@ -125,7 +125,7 @@ class Link(Protocol):
         """
 
     def report(self, name: str, role: Role, status: Callable[[], bytes]) -> Declared:
-        """Answer who asks for the status; `status` must not wait."""
+        """Answer questions for the status; `status` must not wait."""
 
     def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
         """Return what homes and mirrors answer within `timeout` seconds, with their namespaces.

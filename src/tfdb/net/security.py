@@ -121,17 +121,17 @@ def _checked(allow: Any) -> dict[str, dict[str, Access]]:
     if not isinstance(allow, Mapping):
         raise InvalidArgument('allow is such as {"fleet-reader": "read"}', value=allow)
     found: dict[str, dict[str, Access]] = {}
-    for who, what in allow.items():
-        if not isinstance(who, str) or not who:
-            raise InvalidArgument(f"allow has common names of certificates, got {shown(who)}")
+    for user, what in allow.items():
+        if not isinstance(user, str) or not user:
+            raise InvalidArgument(f"allow has common names of certificates, got {shown(user)}")
         by_name = what if isinstance(what, Mapping) else {ALL: what}
         for name, access in by_name.items():
             if name != ALL:
                 check_network_name(name)
             if access not in ("read", "write"):
-                text = f"allow[{who!r}]: {unknown_word(str(access), ('read', 'write'))}"
+                text = f"allow[{user!r}]: {unknown_word(str(access), ('read', 'write'))}"
                 raise InvalidArgument(text, value=access)
-        found[who] = dict(by_name)
+        found[user] = dict(by_name)
     return found
 
 
@@ -230,15 +230,15 @@ def _keys(name: str, what: str) -> list[str]:
 def _access_control(own: str, allow: Mapping[str, Mapping[str, Access]]) -> dict[str, Any]:
     rules: dict[str, dict[str, Any]] = {}
     policies = []
-    for who, names in {**allow, own: {ALL: "write"}}.items():
+    for user, names in {**allow, own: {ALL: "write"}}.items():
         used = [each for name, access in names.items() for each in _rules_for(name, access)]
         rules.update((each["id"], each) for each in used)
-        policies.append({"subjects": [who], "rules": [each["id"] for each in used]})
+        policies.append({"subjects": [user], "rules": [each["id"] for each in used]})
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": list(rules.values()),
-        "subjects": [{"id": who, "cert_common_names": [who]} for who in {**allow, own: None}],
+        "subjects": [{"id": user, "cert_common_names": [user]} for user in {**allow, own: None}],
         "policies": policies,
     }
 

@@ -222,7 +222,7 @@ class ZenohLink:
         key = status_key(name, role)
 
         def asked(query: zenoh.Query) -> None:
-            # The store may be closed, or who asks be gone.
+            # The store may be closed, or the asking session gone.
             with suppress(TfdbError, zenoh.ZError):
                 query.reply(key, status())
             query.drop()

@@ -53,15 +53,4 @@ class DdsNode(WireNode):
             text += " PyPI has it for Linux on x86_64"
             raise NotSupported(text, reason="cyclonedds") from error
         names = Ros2Names(anonymous("tfdb") if name is None else name, arguments)
-        graph = DdsGraph(names, domain_of("" if domain is None else str(domain)))
-        try:
-            super().__init__(names, graph)
-        except BaseException:
-            graph.close()
-            raise
-        self._graph = graph
-
-    @property
-    def refused(self) -> int:
-        """How many messages were refused: their publisher has another type hash."""
-        return self._graph.refusals.count
+        super().__init__(names, DdsGraph(names, domain_of("" if domain is None else str(domain))))

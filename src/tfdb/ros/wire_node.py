@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .node import Encoding, Flavor, Publisher, Service, Subscription
+    from .refusals import Refusals
     from .ros2_names import Kind, Ros2Names
 
 __all__ = ["Link", "Topic", "WireNode"]
@@ -52,6 +53,8 @@ class Sender(Opened, Protocol):
 class Link(Protocol):
     """A connection to a graph. Threads: any."""
 
+    refusals: Refusals
+
     def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> Opened:
         """Call `take(data, sender)` for each message of a topic, in their order."""
 
@@ -63,7 +66,7 @@ class Link(Protocol):
 
 
 class WireNode(Closable):
-    """A node of ROS 2 over a `Link`.
+    """A node of ROS 2 over a `Link`, which it closes, also where it raises.
 
     Threads: any may call anything. A topic's callback is called by a thread of its subscription: a
     callback that waits holds up its own subscription alone.
@@ -85,7 +88,11 @@ class WireNode(Closable):
         self._process = os.getpid()
         _OPEN.add(self)
         if self._simulated:
-            self.subscribe(CLOCK, CLOCK_KIND, self._take_clock, depth=1)
+            try:
+                self.subscribe(CLOCK, CLOCK_KIND, self._take_clock, depth=1)
+            except BaseException:
+                self.close()
+                raise
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}{', closed' if self._ended else ''}>"
@@ -158,6 +165,11 @@ class WireNode(Closable):
     def simulated(self) -> bool:
         """Whether `now` is simulated time."""
         return self._simulated
+
+    @property
+    def refused(self) -> int:
+        """How many messages were refused: another type, type hash or attachment."""
+        return self._link.refusals.count
 
     @property
     def closed(self) -> bool:

@@ -57,15 +57,4 @@ class ZenohNode(WireNode):
             raise NotSupported(text, reason="eclipse-zenoh") from error
         names = Ros2Names(anonymous("tfdb") if name is None else name, arguments)
         number = domain_of("" if domain is None else str(domain))
-        graph = ZenohGraph(names, number, router)
-        try:
-            super().__init__(names, graph)
-        except BaseException:
-            graph.close()
-            raise
-        self._graph = graph
-
-    @property
-    def refused(self) -> int:
-        """How many messages were refused: another type, type hash or attachment."""
-        return self._graph.refusals.count
+        super().__init__(names, ZenohGraph(names, number, router))
