@@ -51,6 +51,7 @@ from .data.errors import (
 from .data.lazy_names import on_demand as _offer
 
 if TYPE_CHECKING:
+    from . import bridge as bridge
     from . import comparing as comparing
     from . import errors as errors
     from . import judging as judging
@@ -120,6 +121,7 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
     __getattr__, __dir__ = _offer(
         __name__,
         {
+            "bridge": (),
             "comparing": ("Comparison", "compare"),
             "data.policies": ("Exact", "Extrapolate", "Interpolate", "Nearest", "Previous"),
             "data.stamps": ("stamp",),

@@ -48,13 +48,14 @@ def test_version(tool: Tool) -> None:
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
     names = "info tree lookup echo monitor view view-frames plot compare poses check expect watch"
-    names += " gaps shm record play publish mirror net serve"
+    names += " gaps shm record play publish mirror net serve bridge"
     names += " static-publisher change-notifier buffer-server freeze convert merge rename"
     names += " bench verify completion"
     assert re.findall(r"^  ([a-z][\w-]*)  ", shown, re.MULTILINE) == names.split()
     groups = {
         "shm": ("ls", "info", "reset-clock", "compact", "rm"),
         "net": ("top",),
+        "bridge": ("ros1", "ros2"),
         "serve": ("follow", "ros1", "ros2"),
     }
     for name in names.split():

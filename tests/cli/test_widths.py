@@ -130,7 +130,17 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
     "rename": [(("good.bag", "-o", "r.bag", "--rename", f"{MAP}:=map", "--overwrite"), (), 0)],
     "verify": [(("history.jsonl",), (), 0)],
 }
-WITHOUT = {"bench", "buffer-server", "completion", "mirror", "net", "publish", "serve", "view"}
+WITHOUT = {
+    "bench",
+    "bridge",
+    "buffer-server",
+    "completion",
+    "mirror",
+    "net",
+    "publish",
+    "serve",
+    "view",
+}
 """A program of its own, those that need a graph or a network and print no frame, a script."""
 
 

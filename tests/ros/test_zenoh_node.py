@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 import socket
 import time
@@ -15,6 +14,7 @@ import tfdb
 from docs.test_howto import ROOT, blocks
 from ros.commands import Command, tfdb_json, tfdb_says
 from ros.hearing import LIMIT, TF, Heard, S, message, published_until_heard
+from ros.routers import free_endpoint, overriding, router_at
 from tfdb import tf2
 from tfdb.tf2 import msgs
 
@@ -32,23 +32,11 @@ HASH = "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
 @pytest.fixture
 def router(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """A session that is the router of all others of the test."""
-    import zenoh
-
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", "router"),
-        ("listen/endpoints", [endpoint]),
-        ("scouting/multicast/enabled", False),
-        ("scouting/gossip/enabled", False),
-    ):
-        config.insert_json5(key, json.dumps(value))
-    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{endpoint}"]')
+    endpoint = free_endpoint()
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", overriding(endpoint))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     monkeypatch.delenv("ZENOH_SESSION_CONFIG_URI", raising=False)
-    with zenoh.open(config) as session:
+    with router_at(endpoint) as session:
         yield session
 
 
@@ -71,6 +59,17 @@ def test_messages_arrive_with_the_name_of_the_node(router: Any) -> None:
             found.append(heard.next()[0])
         assert found[-50:] == [message(2 + number) for number in range(50)]
         assert first.refused == 0
+
+
+def test_another_node_of_the_same_name_has_its_gid(router: Any) -> None:
+    heard = Heard()
+    with node("twin") as ours, node("twin") as theirs:
+        ours.subscribe("/tf_static", TF, heard, latched=True)
+        theirs.advertise("/tf_static", TF, latched=True, depth=1).publish(message(1))
+        data, sender = heard.next()
+        assert (data, len(bytes.fromhex(sender))) == (message(1), 16)
+        ours.advertise("/tf_static", TF, latched=True, depth=1).publish(message(2))
+        assert heard.next() == (message(2), "/twin")
 
 
 def test_late_joiners_get_latched_messages(router: Any) -> None:
@@ -253,13 +252,16 @@ def test_rmw_implementation_chooses(router: Any, monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_page(router: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    (program,) = blocks(ROOT / "docs/howto/ros2-without-ros.md")
+    program, both_ways = blocks(ROOT / "docs/howto/ros2-without-ros.md")
     with node("robot") as robot:
         robot.advertise("/tf_static", TF, latched=True, depth=1).publish(
             message(1.25, child="base_link")
         )
         exec(compile(program, "ros2-without-ros.md", "exec"), {})
-    assert "x=1.25" in capsys.readouterr().out
+        exec(compile(both_ways, "ros2-without-ros.md", "exec"), {})
+    shown = capsys.readouterr().out
+    assert "x=1.25" in shown
+    assert "received=1" in shown
 
 
 def test_tokens_and_gids() -> None:

@@ -43,6 +43,7 @@ COMMANDS = {
     "mirror": "Follow the store of another machine into a shared store, until Ctrl-C.",
     "net": "Show the homes and mirrors of a network, their lag, gaps and traffic.",
     "serve": "Fill a shared store from a live graph, or from a file that grows.",
+    "bridge": "Carry transforms between a shared store and a live graph, both ways.",
     "static-publisher": "Publish static transforms from arguments, a URDF or a recording.",
     "change-notifier": "Report and publish when one frame has moved relative to another.",
     "buffer-server": "Answer the lookups of other nodes, like tf2's buffer_server.",

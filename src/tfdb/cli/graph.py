@@ -14,7 +14,7 @@ import os
 import re
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from click.decorators import FC
 
+    from tfdb.bridge import Bridge
     from tfdb.ros import Flavor, Node
     from tfdb.tf2 import TransformListener
 
@@ -40,6 +41,8 @@ _NODE_NAME = "tfdb.node_name"
 _SECONDS = "tfdb.seconds"
 LISTENS = 5 * NS
 """How long a graph is listened to, as by tf2's view_frames."""
+_AGAIN = 0.5
+"""Seconds between two tries to join a graph that is not there."""
 _GRAPH = re.compile(r"(ros1|ros2(?:\+(zenoh|dds))?)(?::(.*))?", re.DOTALL)
 _REMAPPING = re.compile(r"[~/A-Za-z_][A-Za-z0-9_/]*:=.*", re.ASCII | re.DOTALL)
 
@@ -130,6 +133,7 @@ class Live:
     """The last commit that is known."""
     ended: threading.Event = field(default_factory=threading.Event)
     """Set when somebody else ends the graph's node."""
+    bridge: Bridge | None = None
 
     def __post_init__(self) -> None:
         other = self.graph_clock or given_clock(self.store)
@@ -169,8 +173,11 @@ class Live:
 
 
 @contextmanager
-def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
-    """Give a node of this command's in the graph `name`, and what is set if others end it."""
+def open_graph(name: str, *, waits: bool = False) -> Iterator[tuple[Node, threading.Event]]:
+    """Give a node of this command's in the graph `name`, and what is set if others end it.
+
+    `waits`: if no master or router answers, say so once and try again.
+    """
     from tfdb.ros.open_node import open_node  # noqa: PLC0415 - only for live graphs
 
     context = click.get_current_context()
@@ -187,7 +194,14 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
     ended, leaves = threading.Event(), threading.Event()
     wire: Any = match[2]
     where = match[3] or ""
-    with open_node(side, own, where=where, arguments=arguments, without_ros=wire) as node:
+    with ExitStack() as stack:
+
+        def join() -> Node:
+            return stack.enter_context(
+                open_node(side, own, where=where, arguments=arguments, without_ros=wire)
+            )
+
+        node = _once_there(join) if waits else join()
 
         def look(_now: int) -> None:
             if node.closed and not leaves.is_set():
@@ -200,6 +214,19 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
             leaves.set()
 
 
+def _once_there(join: Callable[[], Node]) -> Node:
+    told = False
+    while True:
+        try:
+            return join()
+        except ConnectionError as error:
+            if not told:
+                text = " ".join(str(error).split())
+                output.say(f"tfdb: warning: {text}; waiting for it", err=True)
+            told = True
+        time.sleep(_AGAIN)
+
+
 def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
     """Wait until a signal ends the command. Raises NodeClosed if others end the node."""
     ended.wait()
@@ -208,26 +235,42 @@ def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
 
 
 @contextmanager
-def listening(name: str, *, history: int | None, into: str | None = None) -> Iterator[Live]:
+def listening(
+    name: str,
+    *,
+    history: int | None,
+    into: str | None = None,
+    both_ways: bool = False,
+    origin: str | None = None,
+) -> Iterator[Live]:
     """Listen to the graph `name`, into a store of its own or the shared one that is named.
 
-    `history`: nanoseconds that a store that is made keeps; None: everything.
+    `history`: nanoseconds that a store that is made keeps; None: everything. `both_ways`: a bridge
+    also sends the commits of the shared store; `origin` as in `Bridge`. It waits for the graph.
     """
     from tfdb import tf2  # noqa: PLC0415 - only those who listen need it
 
     _show_log()
     seconds = None if history is None else max(history, 1) / NS
-    with open_graph(name) as (node, ended):
+    with ExitStack() as stack:
+        node, ended = stack.enter_context(open_graph(name, waits=both_ways))
         if into is None:
             store = tfdb.Buffer(history=seconds)
             # Who waits for a commit is woken so.
             node.on_clock(lambda _: store.close() if ended.is_set() else None)
         else:
             store = tfdb.Buffer.open(into, history=seconds)
-        served = None if into is None else node
-        buffer = tf2.Buffer(buffer=store, node=served, clock=node, flavor=node.flavor)
         live = Live(store, node.now, node, commit=store.commit, ended=ended)
-        live.listener = tf2.TransformListener(buffer, node, spin_thread=True)
+        if both_ways:
+            from tfdb.bridge import Bridge  # noqa: PLC0415 - for one command
+
+            theirs: Any = node  # it tells who sent a message
+            live.bridge = stack.enter_context(Bridge(store, theirs, origin=origin))
+            live.listener = live.bridge.listener
+        else:
+            served = None if into is None else node
+            buffer = tf2.Buffer(buffer=store, node=served, clock=node, flavor=node.flavor)
+            live.listener = tf2.TransformListener(buffer, node, spin_thread=True)
         yield live
 
 

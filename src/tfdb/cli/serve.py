@@ -105,25 +105,25 @@ def _say_followed(report: LoadReport, file: str, name: str, *, as_json: bool) ->
     output.say(layout.wrap(layout.words(text)))
 
 
-_graph_options = (
-    into_option,
-    history_option,
-    node_option,
-    common.json_option,
-)
-
-
-def _serves_graph(function: Any) -> Any:
-    for option in reversed(_graph_options):
+def graph_options(function: Any) -> Any:
+    """Add what `serve` and `bridge` share."""
+    for option in (common.json_option, node_option, history_option):
         function = option(function)
     return function
 
 
-@command.command("ros1", cls=SuggestingCommand)
-@click.option(
+master_option = click.option(
     "--master", metavar="URI", default="", help="URI of the ROS master.  [default: ROS_MASTER_URI]"
 )
-@_serves_graph
+domain_option = click.option(
+    "--domain", metavar="ID", default="", help="Number of the ROS domain.  [default: ROS_DOMAIN_ID]"
+)
+
+
+@command.command("ros1", cls=SuggestingCommand)
+@master_option
+@into_option
+@graph_options
 def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
     """Fill the store NAME from /tf and /tf_static of a ROS 1 graph, until Ctrl-C.
 
@@ -137,16 +137,15 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
 
 
 @command.command("ros2", cls=SuggestingCommand)
-@click.option(
-    "--domain", metavar="ID", default="", help="Number of the ROS domain.  [default: ROS_DOMAIN_ID]"
-)
+@domain_option
 @click.option(
     "--rmw",
     type=OneOf(["zenoh", "dds"]),
     help="Join a graph of rmw_zenoh, or one over DDS, without ROS."
     "  [default: rclpy, where it is installed]",
 )
-@_serves_graph
+@into_option
+@graph_options
 def ros2(*, domain: str, rmw: str | None, into: str, history: int | None, as_json: bool) -> None:
     """Fill the store NAME from /tf and /tf_static of a ROS 2 graph, until Ctrl-C.
 
@@ -171,33 +170,41 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
             live.sleep(math.inf)
             live.check()
         finally:
-            _say_served(live, graph, name, began, as_json=as_json)
+            body, text = told_of(live, began)
+            say_end(graph, name, "serve", body, text, as_json=as_json)
 
 
-def _say_served(live: Live, graph: str, name: str, began: float, *, as_json: bool) -> None:
+def told_of(live: Live, began: float) -> tuple[dict[str, Any], str]:
+    """What a graph brought into a store, as JSON and as text."""
     commits, infos = live.store.commit - live.commit, live.store.tree()
     found = span(infos)
     listener = live.listener
     damaged = 0 if listener is None else listener.corrupt.total()
     refused = 0 if listener is None else listener.refused.total()
     seconds = time.monotonic() - began
-    if as_json:
-        body = {
-            "files": [graph],
-            "store": name,
-            "commits": commits,
-            "damaged": damaged,
-            "refused_transforms": refused,
-            "frames": len(infos),
-            "newest_ns": None if found is None else found[1],
-            "seconds": round(seconds, 3),
-        }
-        output.emit_json(f"serve {graph.partition(':')[0]}", body)
-        return
+    body = {
+        "commits": commits,
+        "damaged": damaged,
+        "refused_transforms": refused,
+        "frames": len(infos),
+        "newest_ns": None if found is None else found[1],
+        "seconds": round(seconds, 3),
+    }
     text = f"{counted(commits, 'commit')}, {counted(len(infos), 'frame')}"
     text += f", in {format_duration(round(seconds * NS))}"
     if damaged:
         text += f"; {counted(damaged, 'damaged message')} left out"
     if refused:
         text += f"; {counted(refused, 'transform')} refused"
-    output.say(text)
+    return body, text
+
+
+def say_end(
+    graph: str, store: str, command: str, body: dict[str, Any], text: str, *, as_json: bool
+) -> None:
+    """Print what a command on a graph did."""
+    if as_json:
+        name = f"{command} {graph[:4]}"  # ros1 or ros2
+        output.emit_json(name, {"files": [graph], "store": store, **body})
+    else:
+        output.say(text)

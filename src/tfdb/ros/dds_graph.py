@@ -107,6 +107,7 @@ class DdsGraph:
 
     def __init__(self, names: Ros2Names, domain: int) -> None:
         self.refusals: Refusals = Refusals()
+        self.graph: str = f"ros2+dds:{domain}"
         self._names = names
         self._domain = _domain_of(domain)
         try:

@@ -68,6 +68,8 @@ class TcprosNode(Closable):
         """Its full name in the graph."""
         self._names = names
         self._master = Master(names.master if master is None else master, self.name)
+        self.graph: str = f"ros1:{self._master.uri}".rstrip("/")
+        """Name of its graph, such as `ros1:http://localhost:11311`."""
         self._lock = threading.RLock()
         self._registering = threading.Lock()
         self._subscribed: dict[str, SubscribedTopic] = {}

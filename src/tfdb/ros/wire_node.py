@@ -54,6 +54,8 @@ class Link(Protocol):
     """A connection to a graph. Threads: any."""
 
     refusals: Refusals
+    graph: str
+    """Name of the graph."""
 
     def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> Opened:
         """Call `take(data, sender)` for each message of a topic, in their order."""
@@ -78,6 +80,8 @@ class WireNode(Closable):
     def __init__(self, names: Ros2Names, link: Link) -> None:
         self.name: str = names.node
         """Its full name in the graph."""
+        self.graph: str = link.graph
+        """Name of its graph, such as `ros2+zenoh:7`."""
         self._names, self._link = names, link
         self._lock = threading.RLock()
         self._on_clock: list[_Entity] = []

@@ -30,6 +30,7 @@ __all__ = ["ZenohGraph"]
 
 _ROUTER = "tcp/localhost:7447"
 _CONNECT_MS = 3000
+_DROP_AFTER = 100_000  # microseconds for which a publisher waits for a full link
 _PATIENCE = 2.0  # seconds for the tokens of a graph
 _HEARTBEAT = 0.5  # seconds, as rmw_zenoh's
 _MOST_NAMES = 10_000
@@ -56,6 +57,7 @@ def _configuration(router: str | None) -> tuple[Any, str]:
                 ("connect/endpoints", [where]),
                 ("connect/timeout_ms", _CONNECT_MS),
                 ("connect/exit_on_failure", True),
+                ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", _DROP_AFTER),
                 ("scouting/multicast/enabled", False),
                 ("scouting/gossip/enabled", False),
             ):
@@ -87,11 +89,13 @@ class ZenohGraph:
             text += "rmw_zenohd', or name it in ZENOH_CONFIG_OVERRIDE"
             raise ConnectionError(text) from error
         self.refusals: Refusals = Refusals()
+        self.graph: str = f"ros2+zenoh:{domain}"
         self._names, self._domain = names, domain
         self._id = str(self._session.zid())
         self._numbers = count(1)
         self._lock = threading.Lock()
         self._nodes: dict[bytes, str] = {}
+        self._own: set[bytes] = set()
         node = token(domain, self._id, 0, "NN", names.namespace, names.base)
         self._token = self._session.liveliness().declare_token(node)
 
@@ -130,10 +134,10 @@ class ZenohGraph:
                 publisher_detection=True,
             )
         else:
-            publisher = self._session.declare_publisher(key, congestion_control=drop, express=True)
+            publisher = self._session.declare_publisher(key, congestion_control=drop)
         gid = gid_of(text)
         with self._lock:
-            self._nodes[gid] = self._names.node
+            self._own.add(gid)
         return _Offering(publisher, self._session.liveliness().declare_token(text), gid)
 
     def close(self) -> None:
@@ -145,7 +149,12 @@ class ZenohGraph:
         return topic_key(self._domain, topic.name, topic.kind)
 
     def node_of(self, gid: bytes) -> str:
-        """Name of a publisher's node; its gid where no token of it is there."""
+        """Name of a publisher's node; its gid where no token of it is there.
+
+        Also its gid if the node is another one with the name of this one.
+        """
+        if gid in self._own:
+            return self._names.node
         found = self._nodes.get(gid)
         if found is None:
             with self._lock:
@@ -165,7 +174,8 @@ class ZenohGraph:
                 if reply.ok is not None:
                     text = str(reply.ok.key_expr)
                     with suppress(ValueError):  # a token of a later layout
-                        self._nodes[gid_of(text)] = node_of(text)
+                        gid, name = gid_of(text), node_of(text)
+                        self._nodes[gid] = gid.hex() if name == self._names.node else name
 
     def _endpoint(self, role: str, topic: Topic) -> str:
         names, number = self._names, next(self._numbers)

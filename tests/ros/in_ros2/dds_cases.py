@@ -10,7 +10,9 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
+import tfdb
 from ros import hearing
+from ros.hearing import LIMIT
 from ros.in_ros2.graph import TF, Graph, as_bytes, message, numbers, until
 
 if TYPE_CHECKING:
@@ -87,6 +89,50 @@ def test_statics_to_rclpy(graph: Graph, ours: Any, first: str) -> None:
     if first == "publisher":
         listen()
     until(lambda: numbers(heard) == [8])
+
+
+def test_a_bridge_with_rclpy(graph: Graph, ours: Any) -> None:
+    from tfdb.bridge import Bridge
+
+    theirs, store = graph.node("theirs", spin=True), tfdb.Buffer(history=None)
+    moving: list[bytes] = []
+    fixed: list[bytes] = []
+    theirs.create_subscription(TFMessage, "/tf", moving.append, 100, raw=True)
+    theirs.create_subscription(TFMessage, "/tf_static", fixed.append, LATCHED, raw=True)
+    at_tf = theirs.create_publisher(TFMessage, "/tf", 100)
+    at_static = theirs.create_publisher(TFMessage, "/tf_static", LATCHED)
+    at_static.publish(hearing.message(1, child="theirs_fixed"))
+
+    def of(heard: list[bytes], child: str) -> list[int]:
+        found = [each for each in heard if tfdb.decode_tf_message(each)[0].child == child]
+        return numbers(found)
+
+    def store_ours(number: int) -> None:
+        store.ingest(hearing.message(number, child="ours", stamp=number))
+
+    store.ingest(hearing.message(2, child="ours_fixed"), static=True)
+    with Bridge(store, ours) as bridge:
+        until(lambda: of(fixed, "theirs_fixed") == [1] and of(fixed, "ours_fixed") == [2])
+        assert store.lookup_transform("map", "theirs_fixed", None, timeout=LIMIT).translation[0]
+        assert bridge.stats.received == 1
+        begun = iter(range(1, 1000))
+        until(lambda: bool(of(moving, "ours")), meanwhile=lambda: store_ours(next(begun)))
+        until(
+            lambda: bridge.stats.received > 1,
+            meanwhile=lambda: at_tf.publish(hearing.message(0, child="theirs")),
+        )
+        for number in range(1000, 1000 + COUNT):
+            at_tf.publish(hearing.message(number, child="theirs", stamp=number))
+            store_ours(number)
+        store.lookup_transform("map", "theirs", 999 + COUNT, timeout=LIMIT)
+        until(lambda: of(moving, "ours")[-1] == 999 + COUNT)
+        for child in ("theirs", "ours"):
+            found = of(moving, child)
+            assert found[found.index(1000) :] == [*range(1000, 1000 + COUNT)]
+        # What was heard is in the store once: one commit for each message.
+        written = bridge.stats.sent + 1
+        assert store.commit == written + bridge.stats.received
+        assert len(of(fixed, "theirs_fixed")) == len(of(fixed, "ours_fixed")) == 1
 
 
 def test_simulated_time_from_rclpy(graph: Graph) -> None:

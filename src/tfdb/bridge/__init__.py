@@ -1,0 +1,16 @@
+"""A store and a live graph of ROS, both ways."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.data.lazy_names import on_demand as _offer
+
+if TYPE_CHECKING:
+    from .bridge import Bridge
+    from .sending import BridgeStats
+
+__all__ = ["Bridge", "BridgeStats"]
+
+if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+    __getattr__, __dir__ = _offer(__name__, {"bridge": ("Bridge",), "sending": ("BridgeStats",)})

@@ -1,0 +1,106 @@
+"""``tfdb bridge``: a shared store and a live graph, both ways."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import click
+
+from . import layout, output
+from .graph import STORE, listening
+from .groups import OneOf, SuggestingCommand, SuggestingGroup
+from .serve import domain_option, graph_options, master_option, say_end, told_of
+
+
+@click.group("bridge", cls=SuggestingGroup)
+def command() -> None:
+    """Carry transforms between a shared store and a live graph, both ways.
+
+    Example: tfdb bridge ros2 --rmw zenoh robot1
+    """
+
+
+_origin_option = click.option(
+    "--origin",
+    metavar="NAME",
+    help="Name of the graph in authorities.  [default: such as ros2+zenoh:7]",
+)
+
+
+@command.command("ros1", cls=SuggestingCommand)
+@click.argument("store", metavar="STORE")
+@master_option
+@_origin_option
+@graph_options
+def ros1(
+    *, store: str, master: str, origin: str | None, history: int | None, as_json: bool
+) -> None:
+    """Carry transforms between STORE and a ROS 1 graph, until Ctrl-C.
+
+    Example: tfdb bridge ros1 robot1
+
+    As 'tfdb bridge ros2', with /tf and /tf_static of a ROS 1 graph. It needs no ROS package.
+    from:=to and __name:=NAME work as in ROS.
+    """
+    _bridge(f"ros1:{master}", store, origin, history, as_json=as_json)
+
+
+@command.command("ros2", cls=SuggestingCommand)
+@click.argument("store", metavar="STORE")
+@domain_option
+@click.option(
+    "--rmw",
+    type=OneOf(["zenoh", "dds"]),
+    required=True,
+    help="Join a graph of rmw_zenoh, or one over DDS. Neither needs a ROS package.",
+)
+@_origin_option
+@graph_options
+def ros2(
+    *,
+    store: str,
+    domain: str,
+    rmw: str,
+    origin: str | None,
+    history: int | None,
+    as_json: bool,
+) -> None:
+    """Carry transforms between STORE and a ROS 2 graph, until Ctrl-C.
+
+    Example: tfdb bridge ros2 --rmw zenoh robot1
+
+    Each message on /tf and /tf_static becomes one commit of the shared store, and each other commit
+    one message on /tf. All static transforms are one message on /tf_static, also for late joiners.
+    What came from the graph does not return to it: its authority begins with the graph's name. So
+    one store can join two graphs by two bridges. Do not join two stores by two graphs: transforms
+    would run in a circle.
+
+    A missing store is created. The command waits for a graph that is not there yet. --ros-args
+    works as in ROS. The store stays when the command ends.
+    """
+    _bridge(f"ros2+{rmw}:{domain}", store, origin, history, as_json=as_json)
+
+
+def _bridge(
+    graph: str, store: str, origin: str | None, history: int | None, *, as_json: bool
+) -> None:
+    name = store.removeprefix(STORE)
+    began = time.monotonic()
+    with listening(graph, history=history, into=name, both_ways=True, origin=origin) as live:
+        bridge: Any = live.bridge
+        if not as_json:
+            text = f"{graph} as {live.node_name} and shm:{name}; Ctrl-C ends it"
+            output.say(layout.wrap(layout.words(text)))
+        try:
+            bridge.wait()
+        finally:
+            bridge.close()
+            body, text = told_of(live, began)
+            stats = bridge.stats
+            body |= {"origin": bridge.origin, **stats._asdict()}
+            text += f"; {stats.received:,} received, {stats.sent:,} sent"
+            text += f", {stats.sent_static:,} on /tf_static"
+            if stats.missed or stats.gone:
+                text += f"; not sent: {stats.missed:,} commits, {stats.gone:,} samples"
+            say_end(graph, name, "bridge", body, text, as_json=as_json)
