@@ -8,6 +8,8 @@ FUZZ_SECONDS ?= 600
 TORTURE_SECONDS ?= 600
 KILL_SECONDS ?= 15
 HISTORY_SECONDS ?= 60
+FAULT_CYCLES ?= 1000
+FAULT_SEED ?= 1
 BAG ?=
 
 VENV := .venv
@@ -26,7 +28,7 @@ ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
 .PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
-        torture histories relacy proof ros2 docs wheel wheels stubs format clean distclean
+        torture histories faults relacy proof ros2 docs wheel wheels stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -39,6 +41,8 @@ help:
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make torture          writers of a shared store are killed, its files damaged; TORTURE_SECONDS=$(TORTURE_SECONDS)'
 	@echo 'make histories        processes share a store for HISTORY_SECONDS=$(HISTORY_SECONDS); what they did is judged'
+	@echo 'make faults           homes and mirrors in network namespaces with faults, FAULT_CYCLES=$(FAULT_CYCLES),'
+	@echo '                      FAULT_SEED=$(FAULT_SEED); root, 2 hours'
 	@echo 'make proof            every interleaving walk to its end (15 minutes), relacy, histories, torture,'
 	@echo '                      make check with clang-tidy on the tests as well, and its analyser'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
@@ -165,6 +169,10 @@ torture: $(STAMPS)/venv
 # Eight readers and two writers, processes that share a store: what they did is judged.
 histories: $(STAMPS)/dev
 	$(BIN)/python -m tests.isolation.long_run --seconds $(HISTORY_SECONDS)
+
+# Loss, delay, reordering, cuts, kills and promotions. Several may run at once, with other seeds.
+faults: $(STAMPS)/dev
+	$(BIN)/python -m tests.net.network_faults --cycles $(FAULT_CYCLES) --seed $(FAULT_SEED)
 
 fuzz: $(STAMPS)/dev
 	$(CMAKE) --preset fuzz >/dev/null

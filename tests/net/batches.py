@@ -1,0 +1,184 @@
+"""Numbered batches of a home, and the judge of stores that have them.
+
+A batch is a function of its number and of its home's tag. So the last batch of a state demands
+what else is in it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import tfdb
+from tests.net.world import BrokenPromiseError
+from tfdb.net.messages import NONE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from tfdb.data.types import Epoch
+
+UNIT = 50_000_000
+"""Nanoseconds between two batches, so that a history of 10 s has 200."""
+STILL = (0.0, 0.0, 0.6, 0.8)
+KEPT = 10 * 10**9 // UNIT
+"""So many batches a history of 10 s has."""
+MOVING = "base", "arm", "cup"
+_SENSOR, _TOOL, _CUP = 7, 11, 5
+
+
+def parent_of(frame: str, number: int) -> str:
+    """The parent of a moving frame in a batch: one of them changes it."""
+    if frame == "cup":
+        return "arm" if number // _CUP % 2 else "map"
+    return {"base": "map", "arm": "base"}[frame]
+
+
+def still_frames(number: int) -> dict[str, int]:
+    """The static frames at a batch, and the batch that wrote each."""
+    found = {}
+    if number >= _SENSOR:
+        found["sensor"] = number - number % _SENSOR
+    if number % _TOOL >= _TOOL // 2:
+        found["tool"] = number - number % _TOOL + _TOOL // 2
+    return found
+
+
+def write_batch(buf: tfdb.Buffer, number: int, tag: int) -> None:
+    """Commit a batch: moving edges, statics that change, a frame that is removed or added."""
+
+    def write(tx: tfdb.Transaction) -> None:
+        tx.set_transforms(
+            [
+                tfdb.TransformStamped(
+                    parent_of(frame, number), frame, number * UNIT, (number, tag, at), STILL
+                )
+                for at, frame in enumerate(MOVING)
+            ]
+        )
+        for frame, written in still_frames(number).items():
+            if written == number:
+                tx.set_static_transform("base", frame, (number, tag, -1), STILL)
+        if number % _TOOL == 0 and tx.frame_exists("tool"):
+            tx.remove_frames("tool")
+
+    buf.run(write)
+
+
+def last_batch(buf: tfdb.Buffer | tfdb.Snapshot) -> tuple[int, int]:
+    """The number and the tag of the last batch of a state; 0 and 0: there is none."""
+    if not buf.frame_exists("base"):
+        return 0, 0
+    poses = np.asarray(buf.samples("base")[1])
+    return (int(poses[-1][0]), int(poses[-1][1])) if len(poses) else (0, 0)
+
+
+class Judge:
+    """Knows which home wrote each batch. Threads: one."""
+
+    def __init__(self) -> None:
+        self.begins: dict[int, tuple[int, int]] = {0: (0, 0)}
+        """Of each tag: the batch behind which its home began, and the tag of that batch."""
+        self.distance: dict[tuple[Epoch, int], int] = {}
+        """Between the numbers of batch and commit, by the epoch and the tag."""
+        self.read_tags: Callable[[], object] = lambda: None
+        """Reads what processes have told: a tag is told before its first batch."""
+        self.states = 0
+
+    def tags(self, tag: int, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the tags of batches in a state whose last batch has a tag."""
+        if tag not in self.begins:
+            self.read_tags()
+        if tag not in self.begins:
+            raise BrokenPromiseError(f"no home has tag {tag}")
+        found = np.full(len(numbers), tag)
+        while tag:
+            begin, tag = self.begins[tag]
+            found[numbers <= begin] = tag
+        return found
+
+    def goes_on(self, before: tuple[int, int], after: tuple[int, int]) -> bool:
+        """Whether a state has the last batch of one before."""
+        number, tag = before
+        return number <= after[0] and int(self.tags(after[1], np.array([number]))[0]) == tag
+
+    def judge(self, snap: tfdb.Snapshot) -> tuple[int, int]:
+        """Compare a whole state with what its last batch demands; return that."""
+        self.states += 1
+        number, tag = last_batch(snap)
+        still = still_frames(number)
+        if number == 0:
+            if snap.frames():
+                raise BrokenPromiseError(f"frames without a batch: {snap.frames()}")
+            return 0, 0
+        wanted = {"map", *MOVING, *still}
+        if set(snap.frames()) != wanted:
+            raise BrokenPromiseError(f"batch {number}: {snap.frames()}, not {sorted(wanted)}")
+        for at, frame in enumerate(MOVING):
+            stamps, poses, parents = snap.samples(frame)
+            numbers = np.asarray(stamps) // UNIT
+            begin = int(numbers[0])
+            if begin > max(number - KEPT + 1, 1):
+                raise BrokenPromiseError(f"{frame} at batch {number} lacks those before {begin}")
+            said = np.arange(begin, number + 1)
+            if not np.array_equal(numbers, said):
+                raise BrokenPromiseError(f"{frame} at batch {number} has batches {numbers}")
+            columns = np.stack([said, self.tags(tag, said), np.full(len(said), at)], axis=1)
+            if not np.array_equal(np.asarray(poses)[:, :3], columns):
+                raise BrokenPromiseError(f"{frame} at batch {number}, tag {tag}: {poses}")
+            if parents != [parent_of(frame, int(each)) for each in said]:
+                raise BrokenPromiseError(f"{frame} at batch {number} has parents {parents}")
+        for frame, written in still.items():
+            pose = tuple(np.asarray(snap.samples(frame)[1])[0][:3])
+            if pose != (written, int(self.tags(tag, np.array([written]))[0]), -1):
+                raise BrokenPromiseError(f"{frame} at batch {number}, tag {tag}: {pose}")
+        return number, tag
+
+    def compare(self, epoch: Epoch, commit: int, batch: tuple[int, int]) -> None:
+        """Compare the position of a mirror with its state: one commit has one state."""
+        number, tag = batch
+        wanted = self.distance.setdefault((epoch, tag), number - commit)
+        if number - commit != wanted:
+            raise BrokenPromiseError(
+                f"epoch {epoch}, commit {commit} was batch {commit + wanted}, and is {number}"
+            )
+
+
+class Copy:
+    """A store that is looked at. Threads: one."""
+
+    def __init__(self, buffer: tfdb.Buffer) -> None:
+        self.buffer = buffer
+        self.place: tuple[Epoch, int] = (NONE, 0)
+        """The position that was seen last."""
+        self.batch = 0, 0
+        """The number and the tag of the last batch that was seen."""
+        self.steps_back = 0
+        self.own: set[Epoch] = set()
+        """Epochs in which it was a home's: its position stays where it was promoted."""
+        self.commit = -1
+        """The commit of the store that was seen last."""
+
+    def look(self, judge: Judge) -> None:
+        """Judge the newest state, if it was not seen."""
+        if self.buffer.commit == self.commit:
+            return
+        before = self.buffer.positions()
+        with self.buffer.snapshot() as snap:
+            if self.buffer.positions() != before:
+                return  # it is looked at again
+            batch = judge.judge(snap)
+            self.commit = snap.commit
+        place = (before[0].epoch, before[0].commit) if before else (NONE, 0)
+        if place < self.place:
+            raise BrokenPromiseError(f"{self.place} is followed by {place}")
+        if not judge.goes_on(self.batch, batch):
+            if place[0] == self.place[0]:
+                raise BrokenPromiseError(f"{self.batch} is followed by {batch} at {place}")
+            self.steps_back += 1
+        if before and place[0] not in self.own:
+            judge.compare(*place, batch)
+        self.place, self.batch = place, batch
