@@ -202,6 +202,29 @@ def test_the_store_of_a_fenced_home_is_read_only_and_then_a_mirror(
     later.close()
 
 
+def test_of_two_later_homes_the_later_one_says_what_is_lost(links: Links, tmp_path: Path) -> None:
+    source, spare = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    lost = tmp_path / "lost"
+    home = new_home(source, links(), keep_lost=lost)
+    mirror = Mirror(spare, NAME, links())
+    mirror.wait_until_live(LONGEST)
+    mirror._stop()
+    source.set_transform("map", "alone", 10, *pose(2))
+    # The first later home ends before it is heard.
+    link = links()
+    first = Token("home", epoch_after(home.epoch))
+    token = link.announce(NAME, first)
+    epoch = epoch_after(first.epoch)
+    with Home(spare, NAME, link, epoch, origin=take_over(spare, NAME, epoch)):
+        event = wait_for(home.events(), "fenced")
+        assert (event.before, event.after) == ((home.epoch, 1), (home.epoch, 2))
+        assert f"a later home is there, or was ({epoch.number})" in event.text
+        assert f"{lost} has them. Its frames are read-only" in event.text
+        token.undeclare()
+        home.close()
+
+
 def test_a_fenced_home_that_lost_nothing_goes_on_as_a_mirror_without_a_state(links: Links) -> None:
     source, spare = tfdb.Buffer(), tfdb.Buffer()
     source.set_transform("map", "base", 0, *pose(1))

@@ -239,20 +239,11 @@ class Home(Closable):
         """
         self._leave()  # before others see the state: a home may begin at once
         self._state = "fenced"
-        heard: list[Head] = []
-        came = threading.Event()
-
-        def take(data: bytes) -> None:
-            with suppress(CorruptMessage):
-                message = message_of(data)
-                if isinstance(message, Head) and message.epoch == later:
-                    heard.append(message)
-                    came.set()
-
-        hearing = self._link.hear(self._name, take)
-        came.wait(_LAST_WORD)
-        hearing.undeclare()
-        fork = heard[0].fork if heard and heard[0].previous == self.epoch else None
+        heard = self._hear_later(later)
+        if heard:
+            later = heard[-1].epoch
+        forks = [each.fork for each in heard if each.previous == self.epoch]
+        fork = forks[-1] if forks else None
         text = self._end_writes() if heard else "It was not heard: the store stays writable"
         commit = self._buffer.commit
         found = [each for each in self._buffer.positions() if each.source == self._name]
@@ -264,6 +255,32 @@ class Home(Closable):
         text = f"a later home is there, or was ({later.number}): {text}"
         before = None if fork is None else (self.epoch, fork)
         self._log.add("fenced", text, before, (self.epoch, commit))
+
+    def _hear_later(self, later: Epoch) -> list[Head]:
+        """Wait for a head of the later home: of the latest one, if there are several by now.
+
+        Returns all that came, sorted by epoch; none: 2 s were over.
+        """
+        heard: list[Head] = []
+        came = threading.Event()
+
+        def take(data: bytes) -> None:
+            with suppress(CorruptMessage):
+                message = message_of(data)
+                if isinstance(message, Head) and message.epoch >= later:
+                    heard.append(message)
+                    came.set()
+
+        hearing = self._link.hear(self._name, take)
+        until = time.monotonic() + _LAST_WORD
+        while came.wait(max(until - time.monotonic(), 0.0)):
+            came.clear()
+            tokens = self._link.tokens(self._name)
+            homes = [token.epoch for _, token in tokens if token.role == "home"]
+            if any(each.epoch >= max(homes, default=later) for each in heard):
+                break
+        hearing.undeclare()
+        return sorted(heard)
 
     def _end_writes(self) -> str:
         """Let local writers be refused, as in a mirror; say what became of it."""
