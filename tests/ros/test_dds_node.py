@@ -94,6 +94,16 @@ def test_short_messages_arrive() -> None:
         assert published_until_heard(publisher, told, data)[1] == str(12 * S + 5)
 
 
+def test_a_message_without_transforms_arrives_as_it_was_sent() -> None:
+    heard = Heard()
+    empty = tfdb.encode_tf_message([])
+    with node("hears") as hears, node("sends") as sends:
+        hears.subscribe("/tf", TF, heard)
+        publisher = sends.advertise("/tf", TF)
+        assert published_until_heard(publisher, heard, empty)[0] == empty
+        assert tfdb.decode_tf_message(empty) == []
+
+
 def test_another_type_hash_is_refused_and_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     from tfdb.ros.ros2_names import kind_of
     from tfdb.ros.wire_node import Topic
