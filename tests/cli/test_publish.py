@@ -136,6 +136,34 @@ def test_the_end_of_a_home_is_printed_once(names: tuple[str, str]) -> None:
     assert (len(out.splitlines()), said) == (1, "")
 
 
+def test_stores_change_roles_by_commands(names: tuple[str, str], tmp_path: Path) -> None:
+    here, there = names
+    endpoint = free_endpoint()
+    to = "--connect", endpoint
+    with (
+        tfdb.net.Session(listen=endpoint),
+        tfdb.Buffer.open(here, size=1 << 25) as store,
+        tfdb.Buffer.open(there, size=1 << 25) as spare,
+    ):
+        store.set_transform("map", "base", 1, (1, 2, 3), (0, 0, 0, 1))
+        home = Running("publish", f"shm:{here}", "--as", "robot1", *to)
+        mirror = Running("mirror", "robot1", "--into", there, *to)
+        mirror.wait_for("live")
+        assert mirror.stop()[0] == 0
+        later = Running("publish", f"shm:{there}", "--as", "robot1", "--take-over", *to)
+        home.wait_for("fenced")
+        home.process.communicate(timeout=LONGEST)
+        assert home.process.returncode == 1
+        with pytest.raises(tfdb.errors.ReadOnly, match="comes from source 'robot1'"):
+            store.set_transform("map", "base", 2, (1, 2, 3), (0, 0, 0, 1))
+        spare.set_transform("map", "base", 2, (2, 2, 3), (0, 0, 0, 1))
+        back = Running("mirror", "robot1", "--into", here, *to)
+        store.wait_for_transform("map", "base", 2, LONGEST)
+        assert state_of(store) == state_of(spare)
+        assert back.stop()[0] == 0
+        assert later.stop()[0] == 0
+
+
 @pytest.mark.parametrize("command", ["publish", "net"])
 def test_commands_wait_for_a_router_and_warn_once(bag: Path, command: str) -> None:
     endpoint = free_endpoint()
@@ -217,4 +245,7 @@ def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
     assert "'r*' is not the name of a namespace" in text
     text = tool("publish", "shm:nowhere", "--as", "r", "--listen", endpoint, code=2).err
     assert "nowhere" in text
+    for lost, said in ((bag, "--keep-lost"), (bag / "lost", "lost")):
+        arguments = "publish", bag, "--as", "r", "--listen", endpoint, "--keep-lost", lost
+        assert said in tool(*arguments, code=2).err
     assert "Missing option '--as'" in tool("publish", bag, code=2).err

@@ -202,7 +202,7 @@ def test_the_store_of_a_fenced_home_is_read_only_and_then_a_mirror(
     later.close()
 
 
-def test_of_two_later_homes_the_later_one_says_what_is_lost(links: Links, tmp_path: Path) -> None:
+def test_a_home_hears_the_latest_of_two_later_homes(links: Links, tmp_path: Path) -> None:
     source, spare = tfdb.Buffer(), tfdb.Buffer()
     source.set_transform("map", "base", 0, *pose(1))
     lost = tmp_path / "lost"
@@ -241,6 +241,32 @@ def test_a_fenced_home_that_lost_nothing_goes_on_as_a_mirror_without_a_state(lin
             wait_for_commit(back, spare.commit)  # more than it had
             assert back.stats.states == 0
             assert state_of(source) == state_of(spare)
+
+
+def test_a_promoted_home_keeps_the_commits_that_it_loses(links: Links, tmp_path: Path) -> None:
+    source, spare, other = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, links())
+    first, second = Mirror(spare, NAME, links()), Mirror(other, NAME, links())
+    for each in (first, second):
+        each.wait_until_live(LONGEST)
+    lost = tmp_path / "lost"
+    promoted = first.promote(keep_lost=lost)
+    wait_for_commit(second, spare.commit)
+    second._stop()
+    with spare.snapshot() as snap:
+        forked = in_epoch(snap.state_bytes(), promoted.epoch)
+    spare.set_transform("map", "alone", 10, *pose(2))
+    beyond = state_of(spare)
+    epoch = epoch_after(promoted.epoch)
+    with Home(other, NAME, links(), epoch, origin=take_over(other, NAME, epoch)):
+        wait_for(promoted.events(), "fenced")
+    copy = tfdb.Buffer()
+    copy.apply(forked)
+    copy.apply(lost.read_bytes())
+    assert state_of(copy) == beyond
+    promoted.close()
+    home.close()
 
 
 def test_a_promoted_home_that_was_killed_goes_on_as_a_mirror(links: Links) -> None:
@@ -483,6 +509,28 @@ def test_wrong_arguments() -> None:
         publish(tfdb.Buffer(), "robot1", max_delay=-1)
     with pytest.raises(tfdb.errors.NotSupported, match="keeps no feed"):
         publish(tfdb.Buffer(concurrency="silo"), "robot1")
+
+
+@pytest.mark.parametrize("text", ["\ud800", "a\0", "a" * 1024])
+def test_prefixes_that_no_frame_has(text: str) -> None:
+    with pytest.raises(tfdb.errors.InvalidName, match=r"prefix: .* a name has 1 to 1024 bytes"):
+        mirror("robot1", into=tfdb.Buffer(), prefix=text)
+
+
+@pytest.mark.parametrize("name", ["\ud800", "a\0", "a" * 1025, ""])
+def test_shared_frames_that_cannot_be(name: str) -> None:
+    with pytest.raises(tfdb.errors.InvalidName, match=r"shared: .* a name has 1 to 1024 bytes"):
+        mirror("robot1", into=tfdb.Buffer(), prefix="a/", shared=("map", name))
+
+
+def test_files_of_lost_commits_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(tfdb.InvalidArgument, match="give keep_lost"):
+        publish(tfdb.Buffer(), "robot1", keep_lost=tmp_path)
+    for path in (tmp_path / "missing" / "lost", tmp_path / ("a" * 300)):
+        with pytest.raises(OSError, match=r"missing folder|name too long") as caught:
+            publish(tfdb.Buffer(), "robot1", keep_lost=path)
+        assert caught.value.filename == str(path)
+    assert not list(tmp_path.iterdir())
 
 
 @needs_zenoh

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import tfdb
 from tfdb.data.counting import counted
 
 from . import common, layout, output
@@ -63,6 +64,9 @@ def command(
     published as it is. The command waits for a router that is not there yet, unless it listens
     itself.
 
+    A later home ends the command. The frames of STORE are then read-only, unless this user may
+    only read it, and 'tfdb mirror' can follow the later home into it.
+
     Exit code: 0 by Ctrl-C, 1 if a later home took over, 2 on an error, 130 by Ctrl-C while it waits
     for a router.
     """
@@ -93,7 +97,10 @@ def command(
 
 def _open(source: str) -> Buffer:
     if source.startswith(STORE):
-        return common.open_live(source)
+        try:  # a home that stops makes its store read-only, one that begins makes it writable
+            return tfdb.Buffer.open(source.removeprefix(STORE), create=False)
+        except tfdb.errors.ReadOnly:  # this user may read it
+            return common.open_live(source)
     loaded = common.load([source]).store
     if not hasattr(loaded, "commits_bytes"):
         raise click.UsageError(f"{source} cannot be published: give shm:NAME or a file")

@@ -63,6 +63,13 @@ def new_file(
         bring_to_disk(target.parent)
 
 
+def refuse_unwritable(path: Path) -> None:
+    """Raise OSError, with `path` as its filename, where `new_file` could not write it now."""
+    work = _unused(path.absolute().parent, ".tfdb-")
+    with _errors_name(path, work), _made(work):
+        (work / path.name).touch()
+
+
 def temporary_folder() -> AbstractContextManager[Path]:
     """Give a new folder for temporary files; the end of the block removes it and its files."""
     import tempfile  # noqa: PLC0415 - few recordings are unpacked

@@ -19,7 +19,7 @@ from tfdb.data.errors import (
     TfdbError,
     WatchClosed,
 )
-from tfdb.data.new_file import new_file, refuse_existing
+from tfdb.data.new_file import new_file, refuse_existing, refuse_unwritable
 from tfdb.data.path_checks import check_path
 
 from .events import EventLog, NetEvents
@@ -49,6 +49,7 @@ _UNSEEN = 2.0
 _LOOK = 0.01
 """Seconds between two looks where this process may not wait for commits."""
 _ALL = 1 << 30
+_TAKEN = "exists already; give keep_lost (--keep-lost) the name of a new file"
 _LAST_WORD = 2.0
 """Seconds in which a home that stops waits to hear where the later one began."""
 
@@ -395,15 +396,14 @@ def publish(
         PyPI's eclipse-zenoh is not installed, or the buffer's engine keeps no feed.
     ConnectionError
         No router answers.
+    OSError
+        The file of `keep_lost` cannot be written.
     """
     refuse_without(buffer, "buffer", "a Buffer", "commits_bytes", "snapshot")
     name = check_network_name(name)
     delay = duration_to_nanoseconds(max_delay, "max_delay") / 1e9
     take_over = check_flag("take_over", take_over)
-    lost = None
-    if keep_lost is not None:
-        lost = check_path(keep_lost)
-        refuse_existing(lost, overwrite=False)
+    lost = check_lost_file(keep_lost)
     buffer.commits_bytes(buffer.commit)  # refuses an engine without a feed
     with link_of(session) as (link, owned):
         seen = _seen(link, name, take_over=take_over)
@@ -418,6 +418,16 @@ def publish(
             keep_lost=lost,
             owned=owned,
         )
+
+
+def check_lost_file(keep_lost: str | os.PathLike[str] | None) -> Path | None:
+    """Return the path of a file that can be made. Raises InvalidArgument or OSError."""
+    if keep_lost is None:
+        return None
+    lost = check_path(keep_lost).absolute()
+    refuse_existing(lost, hint=_TAKEN)
+    refuse_unwritable(lost)
+    return lost
 
 
 def _seen(link: Link, name: str, *, take_over: bool) -> list[Epoch]:

@@ -6,15 +6,17 @@ import os
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from tfdb._core import duration_to_nanoseconds
+from tfdb._core import Buffer, duration_to_nanoseconds
 from tfdb.data.argument_checks import check_count, check_flag, check_name, refuse_without
 from tfdb.data.closable import Closable
-from tfdb.data.errors import InvalidArgument, WaitTimeout
+from tfdb.data.errors import InvalidArgument, InvalidName, WaitTimeout
+from tfdb.data.stamps import shown
 
 from .events import EventLog, NetEvents
-from .home import Home, link_of
+from .home import Home, check_lost_file, link_of
 from .link import Token, check_network_name
 from .messages import NONE, Told, status_bytes
 from .receiving import Receiver
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import Literal
 
-    from tfdb._core import Buffer
     from tfdb.data.types import Epoch, Position
 
     from .link import Declared, Link
@@ -189,7 +190,13 @@ class Mirror(Closable):
             text += ": check the home's name, and that both reach one router"
         raise WaitTimeout(text)
 
-    def promote(self, *, force: bool = False, max_delay: float = 0.002) -> Home:
+    def promote(
+        self,
+        *,
+        force: bool = False,
+        max_delay: float = 0.002,
+        keep_lost: str | os.PathLike[str] | None = None,
+    ) -> Home:
         """Make this store the home of the namespace, in a new epoch. The mirror is closed.
 
         The old home stops once it hears of the new one. Until then, in the two halves of a network
@@ -200,7 +207,7 @@ class Mirror(Closable):
         ----------
         force
             Promote also a mirror that never was live, which may lack anything.
-        max_delay
+        max_delay, keep_lost
             As in `publish`.
 
         Returns
@@ -210,11 +217,14 @@ class Mirror(Closable):
         Raises
         ------
         InvalidArgument
-            It never was live; it has a prefix or shared frames; its store has other sources; or it
-            is closed.
+            It never was live; it has a prefix or shared frames; its store has other sources; it is
+            closed; or the file of `keep_lost` exists.
+        OSError
+            The file of `keep_lost` cannot be written.
         """
         force = check_flag("force", force)
         delay = duration_to_nanoseconds(max_delay, "max_delay") / 1e9
+        lost = check_lost_file(keep_lost)
         self._check_promotion(force=force)
         tokens = self._link.tokens(self._name)
         self._stop()
@@ -223,7 +233,14 @@ class Mirror(Closable):
         origin = take_over(self._buffer, self._name, epoch)
         owned, self._owned = self._owned, None
         return Home(
-            self._buffer, self._name, self._link, epoch, max_delay=delay, origin=origin, owned=owned
+            self._buffer,
+            self._name,
+            self._link,
+            epoch,
+            max_delay=delay,
+            origin=origin,
+            keep_lost=lost,
+            owned=owned,
         )
 
     def _check_promotion(self, *, force: bool) -> None:
@@ -370,6 +387,17 @@ class Mirror(Closable):
             self._token = None
 
 
+def _check_part(what: str, value: Any, behind: str = "") -> str:
+    """Return a name that a frame can have with `behind` at its end. Raises InvalidName."""
+    text = check_name(what, value)
+    with suppress(UnicodeEncodeError):
+        text.encode()
+        if Buffer._may_be_frame(text + behind):
+            return text
+    said = f"{what}: {shown(text)} cannot be in the name of a frame: a name has 1 to 1024 bytes of "
+    raise InvalidName(f"{said}UTF-8 and no control characters", value=value)
+
+
 def mirror(
     name: str,
     *,
@@ -410,7 +438,7 @@ def mirror(
     Raises
     ------
     InvalidName
-        No namespace can have the name.
+        No namespace can have the name, or no frame a name with the prefix or of `shared`.
     InvalidArgument, TypeError
         A value that a parameter does not take, such as another prefix than that with which the
         store has the namespace already.
@@ -423,10 +451,10 @@ def mirror(
     """
     refuse_without(into, "into", "a Buffer", "apply", "positions")
     name = check_network_name(name)
-    prefix = check_name("prefix", prefix)
+    prefix = _check_part("prefix", prefix, behind="x")
     max_lag = None if max_lag is None else check_count("max_lag", max_lag)
     names = [
-        check_name("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
+        _check_part("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
     ]
     with link_of(session) as (link, owned):
         step_back(into, name, [each.epoch for _, each in link.tokens(name) if each.role == "home"])

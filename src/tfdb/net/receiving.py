@@ -400,10 +400,11 @@ class Receiver:
 
     def _sentence(self, state: Kind) -> str:
         commit = 0 if self.position is None else self.position.commit
+        newest = self.newest or "sent no message yet"
         return {
             "absent": "no home was found: check its name, that both reach one router, and that "
             f"access control lets this certificate read {self._options['source']!r}",
-            "catching up": f"commit {commit}, and the home has {self.newest}",
+            "catching up": f"commit {commit}, and the home has {newest}",
             "live": f"commit {commit}",
             "stale": f"the home is gone; commit {commit} stays",
         }[state]

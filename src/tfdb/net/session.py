@@ -145,7 +145,7 @@ def _read(config: str | os.PathLike[str] | Mapping[str, Any]) -> tuple[str, str]
         raise InvalidArgument(f"config cannot be written as JSON: {error}") from error
     ends = [config.get(each) for each in ("listen", "connect")]
     found = [each for end in ends if isinstance(end, Mapping) for each in end.get("endpoints", ())]
-    return text, ", ".join(map(str, found)) or "those of config"
+    return text, ", ".join(map(str, found)) or "the endpoints of config"
 
 
 def check_endpoints(name: str, value: str | Iterable[str], example: str) -> list[str]:
