@@ -29,6 +29,7 @@ from cyclonedds.util import duration
 
 from tfdb.data.errors import InvalidArgument
 
+from .discovery_messages import DISCOVERY, DISCOVERY_TYPE, encode_participant
 from .loop import LOG
 from .refusals import Refusals
 
@@ -60,6 +61,8 @@ _LOOPBACK = """<CycloneDDS><Domain id="any"><General><AllowMulticast>false</Allo
 
 _BLOCKS = duration(milliseconds=100)
 """How long a publisher waits for slow subscribers."""
+_ENCLAVE = Qos(Policy.Userdata(b"enclave=/;"))
+"""Nodes of ROS take a participant without it for a program without ROS."""
 
 _lock = threading.Lock()
 _domains: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
@@ -93,15 +96,21 @@ def _domain_of(number: int) -> Any:
         return domain
 
 
-def _quality(topic: Topic) -> Any:
+def _quality(*, latched: bool, depth: int, kind_hash: str = "") -> Any:
     durability = Policy.Durability
-    return Qos(
+    policies = [
         Policy.Reliability.Reliable(_BLOCKS),
-        durability.TransientLocal if topic.latched else durability.Volatile,
-        Policy.History.KeepLast(max(topic.depth, 1)),
+        durability.TransientLocal if latched else durability.Volatile,
+        Policy.History.KeepLast(max(depth, 1)),
         Policy.DataRepresentation(use_cdrv0_representation=True),
-        Policy.Userdata(f"typehash={topic.kind.hash};".encode()),
-    )
+    ]
+    if kind_hash:
+        policies.append(Policy.Userdata(f"typehash={kind_hash};".encode()))
+    return Qos(*policies)
+
+
+def _quality_of(topic: Topic) -> Any:
+    return _quality(latched=topic.latched, depth=topic.depth, kind_hash=topic.kind.hash)
 
 
 class DdsGraph:
@@ -113,47 +122,79 @@ class DdsGraph:
         self._names = names
         self._domain = _domain_of(domain)
         try:
-            self._participant: Any = DomainParticipant(domain)
+            self._participant: Any = DomainParticipant(domain, qos=_ENCLAVE)
         except DDSException as error:
             text = f"DDS does not start in domain {domain}: {error.msg}"
             raise ConnectionError(text) from error
         self._topics: dict[tuple[str, str], Any] = {}
         self._lock = threading.Lock()
         self._own: set[bytes] = set()
+        self._readers: set[bytes] = set()
+        self._writers: set[bytes] = set()
+        self._discovery: Any = DataWriter(
+            self._participant,
+            self._topic(DISCOVERY, DISCOVERY_TYPE),
+            _quality(latched=True, depth=1),
+        )
+        self._announce()
 
     def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> _Hearing:
         """See `Link`."""
-        reader = DataReader(self._participant, self._topic(topic), _quality(topic))
-        return _Hearing(self, self._participant, topic, reader, take)
+        kind = self._topic(f"rt{topic.name}", topic.kind.wire)
+        reader = DataReader(self._participant, kind, _quality_of(topic))
+        end = self._announced(self._readers, reader.get_guid().bytes)
+        return _Hearing(self, self._participant, topic, reader, take, end)
 
     def offer(self, topic: Topic) -> _Offering:
         """See `Link`."""
-        writer = DataWriter(self._participant, self._topic(topic), _quality(topic))
-        with self._lock:
-            self._own.add(writer.get_guid().bytes)
-        return _Offering(writer, topic.name)
+        kind = self._topic(f"rt{topic.name}", topic.kind.wire)
+        writer = DataWriter(self._participant, kind, _quality_of(topic))
+        gid = writer.get_guid().bytes
+        self._own.add(gid)
+        return _Offering(writer, topic.name, self._announced(self._writers, gid))
 
     def close(self) -> None:
         """See `Link`."""
-        self._topics.clear()
-        self._participant = self._domain = None
+        with self._lock:
+            self._topics.clear()
+            self._participant = self._domain = self._discovery = None
+
+    def _announced(self, endpoints: set[bytes], gid: bytes) -> Callable[[], None]:
+        """Tell other nodes of an endpoint. Returns what tells them of its end."""
+
+        def end() -> None:
+            with self._lock:
+                endpoints.discard(gid)
+                self._announce()
+
+        with self._lock:
+            endpoints.add(gid)
+            self._announce()
+        return end
+
+    def _announce(self) -> None:
+        """Tell other nodes the name and the endpoints of this one. The lock is held."""
+        if self._discovery is None:  # it was closed
+            return
+        names, gid = self._names, self._participant.get_guid().bytes
+        data = encode_participant(gid, names.namespace, names.base, self._readers, self._writers)
+        _write(self._discovery, data, DISCOVERY)
 
     def name_of(self, gid: bytes) -> str:
         """Name of an own publisher's node; the gid of another one."""
         return self._names.node if gid in self._own else gid.hex()
 
-    def _topic(self, topic: Topic) -> Any:
+    def _topic(self, name: str, kind: str) -> Any:
         """The DDS topic.
 
         cyclonedds passes serialized messages on whole, but compares them with their type: so each
         has one that asks for one byte.
         """
-        key = (topic.name, topic.kind.wire)
+        key = (name, kind)
         with self._lock:
             if key not in self._topics:
-                fields = {"first": types.uint8}
-                kind = make_idl_struct("Serialized", topic.kind.wire, fields)
-                self._topics[key] = DdsTopic(self._participant, f"rt{topic.name}", kind)
+                serialized = make_idl_struct("Serialized", kind, {"first": types.uint8})
+                self._topics[key] = DdsTopic(self._participant, name, serialized)
             return self._topics[key]
 
 
@@ -167,8 +208,9 @@ class _Hearing:
         topic: Topic,
         reader: Any,
         take: Callable[[bytes, str], None],
+        on_end: Callable[[], None],
     ) -> None:
-        self._graph, self._topic, self._take = graph, topic, take
+        self._graph, self._topic, self._take, self._on_end = graph, topic, take, on_end
         self._senders: dict[int, tuple[str, str]] = {}
         self._end = GuardCondition(participant)
         self._closed = threading.Event()
@@ -182,6 +224,7 @@ class _Hearing:
 
     def close(self) -> None:
         """End it."""
+        self._on_end()
         self._closed.set()
         self._end.set(True)
         if self._thread is not threading.current_thread():
@@ -235,16 +278,21 @@ class _Hearing:
 class _Offering:
     """A publisher. Threads: any."""
 
-    def __init__(self, writer: Any, topic: str) -> None:
-        self._writer, self._topic = writer, topic
+    def __init__(self, writer: Any, topic: str, on_end: Callable[[], None]) -> None:
+        self._writer, self._topic, self._on_end = writer, topic, on_end
 
     def send(self, data: bytes) -> None:
         """Send a message. Slow subscribers lose it after 100 ms, and the log says so."""
-        size = max(len(data) + 3 & ~3, _LEAST)
-        code = ddspy_write(self._writer._ref, data.ljust(size, b"\0"))
-        if code < 0:
-            LOG.warning("a message on %s was not sent: %s", self._topic, DDSException(code))
+        _write(self._writer, data, self._topic)
 
     def close(self) -> None:
         """End it."""
+        self._on_end()
         self._writer = None
+
+
+def _write(writer: Any, data: bytes, topic: str) -> None:
+    size = max(len(data) + 3 & ~3, _LEAST)
+    code = ddspy_write(writer._ref, data.ljust(size, b"\0"))
+    if code < 0:
+        LOG.warning("a message on %s was not sent: %s", topic, DDSException(code))

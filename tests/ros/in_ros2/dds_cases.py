@@ -7,6 +7,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
@@ -146,6 +147,36 @@ def test_simulated_time_from_rclpy(graph: Graph) -> None:
     with DdsNode("ours", arguments=["--ros-args", "-p", "use_sim_time:=true"]) as ours:
         until(lambda: ours.now() > 0, meanwhile=lambda: publisher.publish(sent))
         assert ours.now() == 12 * hearing.S + 5
+
+
+def test_rclpy_shows_the_node_and_its_endpoints(graph: Graph) -> None:
+    from tfdb.ros import DdsNode
+
+    theirs = graph.node("theirs", spin=True)
+    arguments = ["--ros-args", "-r", "__ns:=/robot"]
+    shown = [("/tf", ["tf2_msgs/msg/TFMessage"])]
+
+    def topics(role: str, name: str = "ours") -> list[tuple[str, list[str]]]:
+        try:
+            asked = getattr(theirs, f"get_{role}_names_and_types_by_node")
+            return list(asked(name, "/robot"))
+        except NodeNameNonExistentError:
+            return []
+
+    with DdsNode("ours", arguments=arguments) as ours, DdsNode("idle", arguments=arguments):
+        publisher = ours.advertise("/tf", TF)
+        subscription = ours.subscribe("/tf", TF, hearing.Heard())
+        nodes = {("ours", "/robot"), ("idle", "/robot"), ("theirs", "/")}
+        until(lambda: nodes <= set(theirs.get_node_names_and_namespaces()))
+        until(lambda: topics("publisher") == topics("subscriber") == shown)
+        (info,) = theirs.get_publishers_info_by_topic("/tf")
+        assert (info.node_name, info.node_namespace) == ("ours", "/robot")
+        publisher.close()
+        until(lambda: topics("publisher") == [] and topics("subscriber") == shown)
+        subscription.close()
+        until(lambda: topics("subscriber") == [])
+        assert topics("publisher", "idle") == []
+    until(lambda: not nodes & {*theirs.get_node_names_and_namespaces()} - {("theirs", "/")})
 
 
 def test_rclpy_shows_the_type_hash(graph: Graph, ours: Any) -> None:
