@@ -116,6 +116,51 @@ def test_a_router_that_is_begun_again(store_name: str) -> None:
             assert state_of(copy) == state_of(source)
 
 
+class CutSession:
+    """A session of Zenoh whose close waits for a network in vain."""
+
+    def __init__(self) -> None:
+        self.closes = 0
+
+    def close(self) -> None:
+        """Fail, as Zenoh does after some seconds."""
+        import zenoh
+
+        self.closes += 1
+        raise zenoh.ZError("close operation timed out!")
+
+
+def test_a_session_waits_also_if_a_cut_comes_between_its_two_connections(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from tfdb.net import zenoh_link
+
+    endpoint, open_session = free_endpoint(), zenoh_link._open
+    first = CutSession()
+    opened: list[str] = []
+
+    def open_in_a_cut(config: Any, where: str) -> Any:
+        opened.append(where)
+        if len(opened) == 1:
+            return first
+        if len(opened) == 2:
+            raise ConnectionError("no Zenoh router")
+        return open_session(config, where)
+
+    with tfdb.net.Session(listen=endpoint):
+        monkeypatch.setattr(zenoh_link, "_open", open_in_a_cut)
+        with tfdb.net.Session(connect=endpoint, wait=LONGEST):
+            assert (len(opened), first.closes) == (4, 1)
+
+
+def test_a_session_closes_in_a_cut() -> None:
+    from tfdb.net import zenoh_link
+
+    data, tokens = CutSession(), CutSession()
+    zenoh_link.ZenohLink(data, tokens).close()  # type: ignore[arg-type]
+    assert (data.closes, tokens.closes) == (1, 1)
+
+
 def test_a_namespace_has_one_home() -> None:
     endpoint = free_endpoint()
     first, second = tfdb.Buffer(), tfdb.Buffer()

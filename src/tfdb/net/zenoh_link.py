@@ -38,7 +38,7 @@ def open_link(data: zenoh.Config, tokens: zenoh.Config, where: str) -> ZenohLink
     try:
         return ZenohLink(first, _open(tokens, where))
     except BaseException:
-        first.close()
+        _close(first)
         raise
 
 
@@ -54,6 +54,12 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
             if config.get_json("connect/endpoints") != "[]":
                 text += "; or what connect= (--connect) names does not answer"
         raise ConnectionError(text) from error
+
+
+def _close(session: zenoh.Session) -> None:
+    """Close a session, also one that does not reach its router."""
+    with suppress(zenoh.ZError):  # it has waited for the network as long as Zenoh allows
+        session.close()
 
 
 def configs_of(text: str, where: str) -> tuple[zenoh.Config, zenoh.Config]:
@@ -263,8 +269,8 @@ class ZenohLink:
             return  # Zenoh's threads are not in a child of `fork`: it would wait for ever
         _OPEN.discard(self)
         self._pool.shutdown()
-        self._tokens.close()
-        self._data.close()
+        _close(self._tokens)
+        _close(self._data)
 
 
 _OPEN: weakref.WeakSet[ZenohLink] = weakref.WeakSet()
