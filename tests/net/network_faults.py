@@ -64,11 +64,17 @@ class Faults:
     """Three stores, a router, and faults. Threads: one, and the relay's."""
 
     def __init__(
-        self, seed: int, *, cuts: tuple[float, ...], pace: float, most: int = 1, pause: float = 0.02
+        self,
+        seed: int,
+        *,
+        spans: tuple[float, ...],
+        pace: float,
+        most: int = 1,
+        pause: float = 0.02,
     ) -> None:
         print(f"seed {seed}", flush=True)
         self.random = random.Random(seed)
-        self.cuts, self.pace, self.most, self.pause = cuts, pace, most, pause
+        self.spans, self.pace, self.most, self.pause = spans, pace, most, pause
         self.tags = count(1)
         self.judge = Judge()
         self.judge.read_tags = self.drain
@@ -259,8 +265,10 @@ class Faults:
             "home killed": lambda: self.restart(self.one("home")),
             "mirror killed": lambda: self.restart(self.one("mirror")),
             "router killed": lambda: self.restart(self.router),
-            "promoted": lambda: self.promote(cut=False),
-            "promoted in a cut": lambda: self.promote(cut=True),
+            "process stopped": lambda: self.stop(self.random.choice([*self.nodes, self.router])),
+            "promoted": lambda: self.promote(self.one("home")),
+            "promoted in a cut": lambda: self.promote(self.one("home"), self.isolate),
+            "promoted while the home is stopped": lambda: self.promote(self.one("home"), self.halt),
         }
         name = self.deal("fault", *faults)
         self.found[name] += 1
@@ -274,13 +282,27 @@ class Faults:
         return self.random.choice([node for node in self.nodes if node.role == role] or self.nodes)
 
     def cut(self, node: Node) -> None:
-        """Cut a node off, for one of the spans, also in one direction alone."""
-        ways = self.deal("ways", "both", "both", "mute", "deaf")
+        """Cut a node off for one of the spans, also in one direction alone."""
+        self.isolate(node, self.deal("ways", "both", "both", "mute", "deaf"))
+        self.look_for_long("cuts")
+
+    def isolate(self, node: Node, ways: str = "both") -> None:
+        """Cut a node off."""
         if ways != "deaf":
             self.network.mute.add(node.number)
         if ways != "mute":
             self.network.deaf.add(node.number)
-        self.look_at_cut()
+
+    def stop(self, node: Node) -> None:
+        """Stop a process for one of the spans."""
+        self.halt(node)
+        self.look_for_long("stops")
+        self.halt(node, signal.SIGCONT)
+
+    def halt(self, node: Node, how: signal.Signals = signal.SIGSTOP) -> None:
+        """Stop a process, or let it go on."""
+        assert node.process is not None
+        node.process.send_signal(how)
 
     def restart(self, node: Node) -> None:
         """Kill a process, and begin it again."""
@@ -289,26 +311,25 @@ class Faults:
         self.start(node)
         self.look(self.pace)
 
-    def promote(self, *, cut: bool) -> None:
-        """Promote a mirror while the old home lives, which may be cut off or be killed, too."""
-        home = self.one("home")
-        if cut:
-            self.network.mute.add(home.number)
-            self.network.deaf.add(home.number)
+    def promote(self, home: Node, hold: Callable[[Node], None] | None = None) -> None:
+        """Promote a mirror while the old home lives, which may be cut off, stopped and killed."""
+        if hold is not None:
+            hold(home)
         later = self.one("mirror")
         if later.role == "mirror":
             self.say(later, f"promote {next(self.tags)}")
-        if not cut:
+        if hold is None:
             self.look(self.pace)
             return
-        self.look_at_cut()
+        self.look_for_long("homes held off")
         if self.deal("old home", "lives", "lives", "is killed") == "is killed":
             self.restart(home)
+        self.halt(home, signal.SIGCONT)
 
-    def look_at_cut(self) -> None:
-        """Look at all states for one of the spans of cuts."""
-        seconds = self.deal("cut", *self.cuts)
-        self.found[f"cuts of {seconds:g} s"] += 1
+    def look_for_long(self, what: str) -> None:
+        """Look at all states for one of the spans."""
+        seconds = self.deal(what, *self.spans)
+        self.found[f"{what} of {seconds:g} s"] += 1
         self.look(seconds)
 
     # -- the end of a cycle ------------------------------------------------------------------------
@@ -388,7 +409,7 @@ def main() -> None:
     given = parser.parse_args()
     with Faults(
         given.seed,
-        cuts=(1.0, 3.0, 3.0, 30.0),
+        spans=(1.0, 3.0, 3.0, 30.0),
         pace=1.5,
         most=given.most,
         pause=given.pause,

@@ -48,7 +48,7 @@ def why_no_namespaces() -> str:
 def test_a_bad_network_tears_nothing_and_all_are_equal_at_the_end() -> None:
     if why := why_no_namespaces():
         pytest.skip(f"no network namespaces: {why}")
-    with Faults(7, cuts=(0.3, 3.0), pace=0.25) as faults:
+    with Faults(7, spans=(0.3, 3.0), pace=0.25) as faults:
         for _ in range(CYCLES):
             faults.cycle()
         assert faults.judge.states > 20 * CYCLES
