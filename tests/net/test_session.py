@@ -153,6 +153,34 @@ def test_a_session_waits_also_if_a_cut_comes_between_its_two_connections(
             assert (len(opened), first.closes) == (4, 1)
 
 
+LARGE = """
+import sys, tfdb, tfdb.net
+from pathlib import Path
+endpoint, how = sys.argv[1:]
+buf, copy = tfdb.Buffer(history=None), tfdb.Buffer(history=None)
+for number in range(2000):
+    buf.set_transform("map", "base", number, (number, 2, 3), (0, 0, 0, 1))
+options = {"connect": endpoint}
+if how == "config":
+    options = {"config": {"mode": "client", "connect": {"endpoints": [endpoint]}}}
+with (
+    tfdb.net.Session(listen=endpoint) as here,
+    tfdb.net.Session(**options) as there,
+    tfdb.net.publish(buf, "robot1", session=here),
+    tfdb.net.mirror("robot1", into=copy, session=there) as mirror,
+):
+    mirror.wait_until_live(60.0)
+    print(copy.frames(), ".zenoh" in Path("/proc/self/maps").read_text())
+"""
+
+
+@pytest.mark.parametrize("how", ["connect", "config"])
+def test_a_session_maps_no_shared_memory_of_zenoh(how: str) -> None:
+    command = [sys.executable, "-c", LARGE, free_endpoint(), how]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=True)
+    assert done.stdout == "['base', 'map'] False\n"
+
+
 def test_a_session_closes_in_a_cut() -> None:
     from tfdb.net import zenoh_link
 
