@@ -111,8 +111,13 @@ class Faults:
         endpoint = f"tcp/{self.network.address(NODES)}:7447"
         command = [*self.network.within(node.number), sys.executable, "-m", "tests.net.fault_node"]
         command += [node.store, endpoint, node.role, str(next(self.tags)), str(self.pause)]
-        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        node.process = subprocess.Popen(command, stderr=self.errors, **pipes)
+        pipes: dict[str, Any] = {
+            "stdin": subprocess.PIPE,
+            "stdout": subprocess.PIPE,
+            "stderr": self.errors,
+        }
+        # A stopped process ends no other one of its group.
+        node.process = subprocess.Popen(command, start_new_session=True, **pipes)
         assert node.process.stdout is not None
         os.set_blocking(node.process.stdout.fileno(), False)
         node.unread, node.state, node.paused = b"", "", None
@@ -407,6 +412,7 @@ def main() -> None:
     parser.add_argument("--pause", type=float, default=0.02, help="seconds between two commits")
     parser.add_argument("--most", type=int, default=3, help="faults of a cycle, at most")
     given = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     with Faults(
         given.seed,
         spans=(1.0, 3.0, 3.0, 30.0),
