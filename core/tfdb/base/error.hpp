@@ -51,7 +51,7 @@ enum class ErrorCode : std::uint8_t {
     kWaitTimeout,
 };
 
-/// A member of a batch that was refused, and why.
+/// A rejected member of a batch, and the reason.
 struct RefusedMember {
     std::size_t index = 0;  // in the batch
     ErrorCode code = ErrorCode::kInvalidTransform;
@@ -61,17 +61,17 @@ struct RefusedMember {
 
 /// The fields of an error. Only those that the code's class documents are filled.
 struct ErrorDetail {
-    std::string target;                 // frame asked for
-    std::string source;                 // frame asked from; of ReadOnly: whose frame it is
-    std::string edge;                   // child frame of the edge that failed
-    std::string parent;                 // its parent at that stamp
-    std::string frame;                  // the one frame that the error is about
-    std::string authority;              // name of the writer
+    std::string target;     // frame into which the lookup transforms
+    std::string source;     // frame from which it transforms; of ReadOnly: the frame's owner
+    std::string edge;       // child frame of the edge that failed
+    std::string parent;     // its parent at that stamp
+    std::string frame;      // the frame that the error is about
+    std::string authority;  // name of the writer
     std::vector<std::string> frames;    // children in use, frames of a cycle, or the two roots
-    std::string expectation;            // whose lifespan is over
+    std::string expectation;            // name whose lifespan has ended
     std::string reason;                 // "past", "future", "no data", or which field and why
-    std::optional<std::int64_t> stamp;  // asked or refused, ns
-    // Stamps; commits where changes were asked for.
+    std::optional<std::int64_t> stamp;  // requested or rejected, ns
+    // Stamps; commit numbers for change queries.
     std::optional<std::int64_t> oldest;
     std::optional<std::int64_t> newest;
     std::optional<std::int64_t> before;
@@ -79,14 +79,14 @@ struct ErrorDetail {
     std::optional<std::int64_t> limit;    // max_gap, max_age, tolerance, history, ns
     std::optional<std::uint64_t> index;   // position in the batch
     std::optional<std::uint64_t> offset;  // position in the message's bytes
-    std::optional<std::uint64_t> commit;  // snapshot asked
-    std::optional<std::uint64_t> since;   // commit that changes were asked from
+    std::optional<std::uint64_t> commit;  // requested snapshot
+    std::optional<std::uint64_t> since;   // commit after which changes were requested
     std::string path;                     // of a store's file
-    std::optional<std::int64_t> pid;      // of the process in the way
+    std::optional<std::int64_t> pid;      // of the process that holds the lock or the store
     std::vector<RefusedMember> refused;   // every refused member of a batch, in its order
 };
 
-/// Root of all errors. Threads: a value. Guarantee: after a throw the store is as it was before.
+/// Root of all errors. Threads: a value. Guarantee: after a throw the store is unchanged.
 class Error : public std::runtime_error {
 public:
     Error(ErrorCode code, const std::string& message, ErrorDetail detail = {})
@@ -101,7 +101,7 @@ private:
     ErrorDetail detail_;
 };
 
-/// A class of its own for each code, so that C++ callers can catch just one kind.
+/// One class for each code, so that C++ callers can catch a single kind.
 template <ErrorCode Code>
 class ErrorOf : public Error {
 public:
@@ -146,7 +146,7 @@ using LockTimeout = ErrorOf<ErrorCode::kLockTimeout>;
 using BufferClosed = ErrorOf<ErrorCode::kBufferClosed>;
 using WaitTimeout = ErrorOf<ErrorCode::kWaitTimeout>;
 
-/// A message whose bytes cannot be what they claim to be. Fields: offset, reason.
+/// A message whose bytes contradict its format. Fields: offset, reason.
 class CorruptMessage : public ErrorOf<ErrorCode::kCorruptMessage> {
 public:
     CorruptMessage(std::size_t offset, const std::string& reason)

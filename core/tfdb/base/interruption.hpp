@@ -1,16 +1,16 @@
-// How long work is ended from outside, at places where it may end.
+// Cancellation of long work at defined points.
 #pragma once
 
 namespace tfdb {
 
-/// Asked now and then by the long work of its thread; to end it, it throws.
-/// Threads: its own. Guarantee: asked where no lock is held that others may wait for while they
-/// keep this thread from going on, and where nothing is half-written but the output of a read.
+/// Cancels the long work of one thread: the work polls it, and it throws to cancel. Threads: its
+/// own. Guarantee: polled only where nothing is half-written except a read's output, and where the
+/// thread holds no lock for which the canceller may wait.
 class Interruption {
 public:
     virtual void ask() = 0;
 
-    /// That of this thread; null: its work cannot be interrupted.
+    /// This thread's interruption; null: its work cannot be cancelled.
     static Interruption*& current() noexcept {
         static constinit thread_local Interruption* here = nullptr;
         return here;
@@ -24,14 +24,13 @@ protected:
     ~Interruption() = default;
 };
 
-/// Long work may end here.
+/// A cancellation point of long work.
 inline void may_end() {
     if (Interruption* const interruption = Interruption::current(); interruption != nullptr)
         interruption->ask();
 }
 
-/// Between its beginning and its end work is not ended.
-/// Threads: its own. Guarantee: wait-free.
+/// No cancellation during its lifetime. Threads: its own. Guarantee: wait-free.
 class NotInterrupted {
 public:
     NotInterrupted() noexcept : before_(Interruption::current()) {

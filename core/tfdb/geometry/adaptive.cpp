@@ -24,19 +24,26 @@ double distance(const Quat& a, const Quat& b) {
     return std::sqrt(norm_squared(Quat{a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w}));
 }
 
-/// Between unit quaternions; half of that between their rotations, if they are on one side.
+/// The angle between two unit quaternions: half the angle between their rotations if they lie on
+/// one side.
 double angle(const Quat& a, const Quat& b) {
     return 2.0 * std::atan2(distance(a, b), distance(a, negated(b)));
 }
 
-/// A path, and how near one interpolation between two of its rows comes to it. Threads: one.
+/// A path, and the error of one interpolation between two of its rows. Threads: one.
 ///
-/// The translations of two paths, one of which has some rows of the other, differ most at a row.
-/// The quaternions a and b of two slerps, whose angles over a piece are A and B, differ by
-/// g = a - b, and g'' = -A^2 g + (B^2 - A^2) b. What is twice differentiable leaves the chord
-/// between its ends by at most max|g''| / 8, so that anywhere in the piece
-/// |g| <= (m + |B^2 - A^2| / 8) / (1 - min(A, B)^2 / 8), m the greater |g| at its ends.
-/// Two rotations an angle apart are two quaternions 2 sin(angle / 4) apart.
+/// Take two paths, one of which has a subset of the other's rows. Their translations differ most at
+/// a row. Take the quaternions a and b of two slerps, whose angles over a piece are A and B. They
+/// differ by g = a - b, and g'' = -A^2 g + (B^2 - A^2) b. A twice differentiable function leaves
+/// the chord between its ends by at most max
+/// g''
+/// / 8. So anywhere in the piece
+/// g
+/// <= (m +
+/// B^2 - A^2
+/// / 8) / (1 - min(A, B)^2 / 8), with m the greater
+/// g
+/// at its ends. Rotations an angle apart are quaternions 2 sin(angle / 4) apart.
 class Path {
 public:
     Path(std::span<const std::int64_t> stamps, std::span<const Pose> poses, double metres,
@@ -55,11 +62,12 @@ public:
         }
     }
 
-    /// The farthest row, `stop` at most, that one interpolation from `start` reaches; `good`, if
-    /// none behind it.
+    /// The farthest row, at most `stop`, that one interpolation from `start` reaches; `good` if
+    /// none behind it is in reach.
     [[nodiscard]] std::size_t farthest(std::size_t start, std::size_t good,
                                        std::size_t stop) const {
-        std::size_t suspect = stop;  // the piece before it was too far off, and mostly is again
+        // a row before it exceeded the tolerance, and mostly does so again
+        std::size_t suspect = stop;
         for (std::size_t end = stop; end > good; --end) {
             if (reaches(start, end, suspect)) {
                 return end;
@@ -88,10 +96,10 @@ private:
         const Quat& from = turns_[start];
         const Quat& to = turns_[end];
         if (limit_ != kAny && dot(from, to) < 0.0) {
-            return false;  // the shorter way is the other way round, and somewhere pi off
+            return false;  // the shorter arc turns the other way, so the error somewhere is pi
         }
         const Chord chord{start, end, apart(from, to)};
-        // Of a bend the middle is farthest off.
+        // A bend is farthest from its chord in the middle.
         for (const std::size_t row : {start + (end - start) / 2, suspect}) {
             if (row < end && !near(chord, row, off(chord, row))) {
                 return false;
@@ -100,7 +108,7 @@ private:
         may_end();
         const double speed = limit_ == kAny ? 0.0 : angle(from, to) / nanoseconds(start, end);
         double before = 0.0;
-        std::size_t first = 0;  // of the stretch that is too far off
+        std::size_t first = 0;  // of the stretch beyond the tolerance
         for (std::size_t row = start + 1; row <= end; ++row) {
             const double here = off(chord, row);
             const bool fine =
@@ -117,7 +125,7 @@ private:
         return true;
     }
 
-    /// How far its quaternion is from the path's.
+    /// The distance of the chord's quaternion from the path's.
     [[nodiscard]] double off(const Chord& chord, std::size_t row) const {
         if (limit_ == kAny || row == chord.end) {
             return 0.0;
@@ -126,7 +134,7 @@ private:
         return distance(slerp(turns_[chord.start], turns_[chord.end], chord.apart, u), turns_[row]);
     }
 
-    /// Whether it is near enough at a row, where its quaternion is so far off.
+    /// Whether a row is within both tolerances; `off` is its quaternion distance.
     [[nodiscard]] bool near(const Chord& chord, std::size_t row, double off) const {
         const Vec3& a = poses_[chord.start].translation;
         const Vec3& b = poses_[chord.end].translation;
@@ -136,8 +144,8 @@ private:
                (row == chord.end || squared_distance(place, poses_[row].translation) <= metres_);
     }
 
-    /// Whether a turn at this speed is near enough between a row and the one before; `off`: the
-    /// greater of how far it is off at them.
+    /// Whether a rotation at this speed stays within the tolerance between a row and the one
+    /// before. `off`: the greater quaternion distance at the two rows.
     [[nodiscard]] bool near_between(std::size_t row, double off, double speed) const {
         if (limit_ == kAny) {
             return true;
@@ -151,8 +159,8 @@ private:
 
     std::span<const std::int64_t> stamps_;
     std::span<const Pose> poses_;
-    std::vector<Quat> turns_;     // the poses' quaternions, each on the side of the one before
-    std::vector<double> angles_;  // of each and the one before
+    std::vector<Quat> turns_;     // the poses' quaternions, each on the side of the previous one
+    std::vector<double> angles_;  // between each quaternion and the previous one
     double metres_;               // squared
     double limit_;                // between quaternions
 };
@@ -171,7 +179,7 @@ std::vector<std::size_t> enough_rows(std::span<const std::int64_t> stamps,
         if (left == 0) {
             break;
         }
-        // Twice as far as the last step went, and on as long as that is not far enough.
+        // Tries twice the last step's reach, and doubles it while that suffices.
         std::size_t good = 1;
         std::size_t ahead = 2 * step;
         for (;; ahead *= 2) {

@@ -1,4 +1,4 @@
-// Which samples of a path are enough to interpolate the rest.
+// Simplification of a path: the samples that suffice to interpolate the rest.
 #pragma once
 
 #include <cstddef>
@@ -10,11 +10,11 @@
 
 namespace tfdb::geometry {
 
-/// Rows of a path, rising, that keep what is interpolated between them within `metres` and
-/// `radians` of what is interpolated between all of them, at every stamp. From each row on to the
-/// farthest that one interpolation reaches, of the next few; the first and the last are among them.
-/// The stamps rise strictly and are not negative, the poses are finite, the tolerances are not
-/// negative and may be infinite. Long work: see Interruption.
+/// Ascending rows of a path. Interpolation between them stays within `metres` and `radians` of
+/// interpolation between all rows, at every stamp. Each kept row is followed by the farthest one
+/// that a single interpolation reaches among the next few; the first and the last row are always
+/// kept. The stamps must be strictly ascending and not negative, the poses finite. The tolerances
+/// must not be negative and may be infinite. Long work: see Interruption.
 std::vector<std::size_t> enough_rows(std::span<const std::int64_t> stamps,
                                      std::span<const Pose> poses, double metres, double radians);
 

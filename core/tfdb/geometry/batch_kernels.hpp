@@ -1,9 +1,9 @@
-// The arithmetic of batches over one block of stamps, once per instruction set. An edge's samples
-// are read where they lie: slots of eight words, a word with the sample's commit and parent, and
-// its pose.
+// The arithmetic of batches over one block of stamps, compiled once per instruction set. The
+// kernels read an edge's samples in place. A slot has eight words: one word with the sample's
+// commit and parent, then its pose.
 //
-// The poses are, bit for bit, those of slerp.hpp and pose.hpp composed edge by edge: upward on each
-// side of a path, then one side with the inverse of the other.
+// The poses equal, bit for bit, those of slerp.hpp and pose.hpp composed edge by edge: upward on
+// each side of a path, then one side with the inverse of the other.
 #pragma once
 
 #include <bit>
@@ -19,10 +19,10 @@ namespace tfdb::geometry {
 
 using clock::StampNs;
 
-/// Stamps that are worked on together: few enough that all their numbers stay in the first cache.
+/// Stamps computed together: few enough that all their numbers stay in the first-level cache.
 inline constexpr std::size_t kBlock = 128;
 
-/// Kernels work on whole groups of stamps, so that no vector width needs a tail.
+/// Kernels process whole groups of stamps, so no vector width needs a remainder loop.
 inline constexpr std::size_t kGroup = 8;
 static_assert(kBlock % kGroup == 0);
 
@@ -30,7 +30,7 @@ constexpr std::size_t round_up_to_group(std::size_t count) noexcept {
     return (count + kGroup - 1) / kGroup * kGroup;
 }
 
-/// The poses of one block, each component by itself.
+/// The poses of one block, as one array per component.
 struct alignas(64) PoseBlock {
     double x[kBlock], y[kBlock], z[kBlock];
     double qx[kBlock], qy[kBlock], qz[kBlock], qw[kBlock];
@@ -51,16 +51,16 @@ TFDB_INLINE void put_pose(PoseBlock& block, std::size_t i, const Pose& pose) noe
     block.qw[i] = pose.rotation.w;
 }
 
-/// The pairs of samples between which the stamps of a block lie on one edge.
-/// Threads: one. Guarantee: none of its own.
+/// On one edge, the sample pairs that enclose the stamps of a block. Threads: one. Guarantee: none
+/// of its own.
 struct Pairs {
-    /// Of a pair whose first sample is the answer as it is: its share is 0 at any stamp.
+    /// For a pair whose first sample is the answer unchanged: its share is 0 at any stamp.
     static constexpr double kHeld = std::numeric_limits<double>::infinity();
 
-    /// Numbers of a pair: the first sample's stamp (an integer's bits), the time from there to the
-    /// second one's, below 2^53 or kHeld. By Kernels::load: the first sample's pose, the way to the
-    /// second one's translation, its rotation or the opposite quaternion, whichever is nearer, and
-    /// how near that is (see Apart).
+    /// Numbers of a pair: the first sample's stamp (an integer's bits), and the time to the second
+    /// sample, below 2^53 or kHeld. Kernels::load adds the first sample's pose, the translation
+    /// from it to the second sample, the second rotation or its opposite quaternion, whichever is
+    /// nearer, and their distance (see Apart).
     enum Column : std::uint8_t {
         kFrom,
         kSpan,
@@ -81,11 +81,12 @@ struct Pairs {
         kApart,
         kColumns
     };
-    /// Room behind the last pair: a group of stamps is looked up from its first pair on.
+    /// Space behind the last pair: a group of stamps is looked up from its first pair on.
     static constexpr std::size_t kRoom = kBlock + kGroup;
 
     std::size_t count = 0;
-    std::uint32_t of[kBlock] = {};   // which pair a stamp has: rises by 0 or 1 from one to the next
+    // pair index of each stamp: rises by 0 or 1 from one to the next
+    std::uint32_t of[kBlock] = {};
     const void* first[kBlock] = {};  // the samples' slots
     const void* second[kBlock] = {};
     alignas(64) double numbers[kColumns * kRoom] = {};  // column by column
@@ -99,7 +100,7 @@ struct Pairs {
     }
 };
 
-/// What the first word of a slot must be: from `least` to `most`, with these bits of `least`.
+/// The allowed range of a slot's first word: `least` to `most`, with these bits equal to `least`'s.
 struct SlotWords {
     std::uint64_t least = 0, most = 0, bits = 0;
 
@@ -119,33 +120,34 @@ struct PointRows {
     }
 };
 
-/// Counts of stamps are of whole groups, but for the last two lines.
+/// Stamp counts are whole groups, except for the last two members.
 /// Threads: pure functions over the caller's memory. Guarantee: blocking-free, no allocation.
 struct Kernels {
     const char* name;
 
-    /// Reads the samples of the pairs. False if a slot's first word is not one of `words`. Writers
-    /// may be at work there: what was read counts if the edge's view is confirmed afterwards.
+    /// Reads the samples of the pairs. False if a slot's first word is not in `words`. Writers may
+    /// overwrite the slots meanwhile: the result counts only if the edge's view is confirmed
+    /// afterwards.
     bool (*load)(Pairs& pairs, const SlotWords& words);
 
-    // Joining puts an edge's poses in front of those of the edges before it; where it is the first,
-    // they are the result.
+    // `join` composes an edge's poses with those of the edges before it; for the first edge, they
+    // are the result.
     void (*join)(PoseBlock& block, std::size_t count, const StampNs* stamps, const Pairs& pairs,
                  bool first);
     void (*join_constant)(PoseBlock& block, std::size_t count, const Pose& pose, bool first);
 
     /// The inverse of each pose.
     void (*turn)(PoseBlock& block, std::size_t count);
-    /// T[target<-source] into `block` from T[meeting<-source] in it and T[meeting<-target].
+    /// Turns T[meeting<-source] in `block` into T[target<-source], given T[meeting<-target].
     void (*meet)(PoseBlock& block, const PoseBlock& target_side, std::size_t count);
-    /// Whether all are finite: see is_finite of one pose.
+    /// Whether all poses are finite: see is_finite of one pose.
     bool (*all_finite)(const PoseBlock& block, std::size_t count);
 
-    /// Rows of 7 doubles: x y z qx qy qz qw; and of 16: the 4 x 4 matrix, row-major.
+    /// Rows of 7 doubles: x y z qx qy qz qw. Rows of 16: the 4 x 4 matrix, row-major.
     void (*store_poses)(const PoseBlock& block, std::size_t count, double* out);
     void (*store_matrices)(const PoseBlock& block, std::size_t count, double* out);
 
-    /// out[i] = pose of i * in[i], in place when both are the same rows.
+    /// out[i] = pose i * in[i]; in and out may be the same rows.
     void (*move_doubles)(const PoseBlock& block, std::size_t count, PointRows<const double> in,
                          PointRows<double> out);
     void (*move_floats)(const PoseBlock& block, std::size_t count, PointRows<const float> in,
@@ -162,11 +164,11 @@ extern const Kernels kV3Kernels;
 extern const Kernels kV4Kernels;
 #endif
 
-/// Those that this processor can run, the fastest first.
+/// The kernels that this processor can run, the fastest first.
 std::span<const Kernels* const> runnable_kernels();
 
-/// The fastest, or that of these which TFDB_KERNELS names (portable, v3, v4), for tests and to
-/// compare machines.
+/// The fastest runnable kernels, or those that TFDB_KERNELS names (portable, v3, v4), for tests and
+/// for comparing machines.
 const Kernels& chosen_kernels();
 
 }  // namespace tfdb::geometry

@@ -1,6 +1,6 @@
-// The kernels of batch_kernels.hpp for any number of lanes. Included by one file per instruction
-// set; everything is in an unnamed namespace and what it calls of other headers is always inlined,
-// so that code for one instruction set stays in its file.
+// The kernels of batch_kernels.hpp for any number of lanes. One file per instruction set includes
+// this. Everything is in an unnamed namespace, and calls to other headers are always inlined, so
+// code for one instruction set stays in its file.
 #pragma once
 
 #include "tfdb/geometry/batch_kernels.hpp"
@@ -65,7 +65,8 @@ TFDB_INLINE void join_at(PoseBlock& block, std::size_t i, const PoseLanes<L>& ed
 
 // --- samples ---------------------------------------------------------------------------------
 
-/// Exact up to 2^53, rounded to nearest above: both halves are put into doubles by their bits.
+/// Exact up to 2^53, rounded to nearest above. Both halves are converted through the bits of
+/// doubles.
 template <int L>
 TFDB_INLINE Real<L> to_real(Word<L> value) {
     using V = Lanes<L>;
@@ -80,7 +81,7 @@ TFDB_INLINE Real<L> to_real(Word<L> value) {
     return (bits_as<Real<L>>(high) - V::fill(0x1.00000001p84)) + bits_as<Real<L>>(low);
 }
 
-/// Plain loads of what writers may overwrite meanwhile: not a race that ThreadSanitizer should see.
+/// Plain loads of memory that writers may overwrite: ThreadSanitizer must not report this race.
 template <int L>
 __attribute__((no_sanitize("thread"))) bool load_pairs(Pairs& p, const SlotWords& words) {
     using V = Lanes<L>;
@@ -119,7 +120,7 @@ __attribute__((no_sanitize("thread"))) bool load_pairs(Pairs& p, const SlotWords
 
 // --- one edge over a block -------------------------------------------------------------------
 
-/// What Pairs holds, for L stamps.
+/// The numbers of Pairs, for L stamps.
 template <int L>
 struct PairLanes {
     Word<L> from;
@@ -130,7 +131,7 @@ struct PairLanes {
     Real<L> apart;
 };
 
-/// `lanes(column)`: L stamps' numbers of that column, of which the first one is at `column`.
+/// `lanes(column)`: that column's numbers for L stamps; the first stamp's number is at `column`.
 template <int L, class Fetch>
 TFDB_INLINE PairLanes<L> fetch_pairs(const double* at, Fetch lanes) {
     const auto get = [&](Pairs::Column column) { return lanes(at + Pairs::kRoom * column); };
@@ -143,7 +144,7 @@ TFDB_INLINE PairLanes<L> fetch_pairs(const double* at, Fetch lanes) {
             get(Pairs::kApart)};
 }
 
-/// As `interpolate`, of a pair that is prepared; no share is 1.
+/// As `interpolate`, for a prepared pair; no share is 1.
 template <int L, bool First>
 TFDB_INLINE void join_pairs_at(PoseBlock& block, std::size_t i, const PairLanes<L>& p,
                                const StampNs* stamps) {
@@ -159,7 +160,7 @@ TFDB_INLINE void join_pairs_at(PoseBlock& block, std::size_t i, const PairLanes<
     join_at<L, First>(block, i, edge);
 }
 
-/// So many stamps between the same two samples are a run: their numbers are fetched once.
+/// A run: at least this many stamps between the same two samples, whose numbers are loaded once.
 constexpr std::size_t kRun = 16;
 
 template <int L, bool First>

@@ -1,4 +1,5 @@
-// The kernels that leave a block: rows of poses and matrices, points. Rules as batch_kernels.ipp.
+// The kernels that write a block's results: rows of poses and matrices, points. The rules of
+// batch_kernels.ipp apply.
 #pragma once
 
 #include <algorithm>
@@ -8,7 +9,7 @@
 namespace tfdb::geometry {
 namespace {
 
-/// Four consecutive doubles a row, from four columns; rows are `stride` doubles apart.
+/// Writes four consecutive doubles per row, from four columns; rows are `stride` doubles apart.
 TFDB_INLINE void scatter(Real<2> c0, Real<2> c1, Real<2> c2, Real<2> c3, double* out,
                          std::size_t stride) {
     Lanes<2>::transpose(c0, c1);
@@ -35,7 +36,7 @@ void store_poses(const PoseBlock& block, std::size_t count, double* out) {
     std::size_t i = 0;
     for (; i + L <= count; i += L) {
         const PoseLanes<L> p = load_poses<L>(block, i);
-        // Both halves write qx: two whole stores a row are cheaper than a masked one.
+        // Both halves write qx: two full stores per row are cheaper than a masked one.
         const auto& [t, q] = p;
         scatter(t.x, t.y, t.z, q.x, out + 7 * i, 7);
         scatter(q.x, q.y, q.z, q.w, out + 7 * i + 3, 7);
@@ -96,7 +97,7 @@ TFDB_INLINE void store_points(Number* to, std::ptrdiff_t stride, const PointLane
 #ifdef __AVX2__
 using Floats = float __attribute__((vector_size(16)));
 
-/// Four points side by side in memory, as load_points, without a conversion for each number.
+/// Four points side by side in memory: as load_points, without a conversion per number.
 TFDB_INLINE PointLanes<4> load_packed(const float* from) {
     const auto a = load<Floats>(from);      // x0 y0 z0 x1
     const auto b = load<Floats>(from + 4);  // y1 z1 x2 y2
@@ -123,7 +124,7 @@ TFDB_INLINE void store_packed(float* to, const PointLanes<4>& p) {
 }
 #endif
 
-/// Calls move(i, points) for whole vectors of points; the last rows go through a copy.
+/// Calls move(i, points) for full vectors of points; the remaining rows go through a copy.
 template <int L, class Number, class Move>
 TFDB_INLINE void for_points(std::size_t count, PointRows<const Number> in, PointRows<Number> out,
                             Move move) {
@@ -173,7 +174,7 @@ void move_points_by_one(const Pose& pose, std::size_t count, PointRows<const Num
                           [&](std::size_t, const PointLanes<L>& p) { return apply(all, p); });
 }
 
-/// Rows and points leave by four lanes at most: eight would only wait for memory.
+/// Rows and points are written with four lanes at most: memory limits eight lanes.
 template <int L>
 constexpr Kernels make_kernels(const char* name) {
     constexpr int kOut = std::min(L, 4);

@@ -1,4 +1,4 @@
-// Compiled for x86-64-v3 (AVX2) and reached only where the processor has it: see batch_kernels.cpp.
+// Compiled for x86-64-v3 (AVX2); runs only if the processor supports it: see batch_kernels.cpp.
 #include "tfdb/geometry/batch_output.ipp"
 
 namespace tfdb::geometry {

@@ -1,4 +1,4 @@
-// Rotations written in other ways: as a matrix, as roll, pitch and yaw.
+// Other notations of a rotation: matrix; roll, pitch and yaw.
 #pragma once
 
 #include <algorithm>
@@ -10,15 +10,15 @@
 
 namespace tfdb::geometry {
 
-/// How far the axes of a 4x4 matrix may be from a rotation's, which are printed with few digits: as
-/// far as a quaternion from length one.
+/// Tolerance for the axes of a 4x4 matrix, which is often printed with few digits. It equals the
+/// tolerance for a quaternion's length.
 inline constexpr double kRigidTolerance = 5e-3;
 
-/// Of the last row, which holds no measured number: the small translation of a transposed matrix
-/// is not taken for rounding.
+/// Tolerance for the last row, which holds no measured number: the small translation of a
+/// transposed matrix does not pass as rounding.
 inline constexpr double kLastRowTolerance = 1e-6;
 
-/// What keeps a 4x4 matrix from being a rigid transform, and by how much.
+/// Why a 4x4 matrix is no rigid transform, and by how much.
 struct RigidFault {
     enum Kind : unsigned char { kNone, kNotFinite, kLastRow, kReflection, kScale, kShear };
     Kind kind = kNone;
@@ -40,9 +40,9 @@ inline double determinant(Rows m) noexcept {
 
 }  // namespace detail
 
-/// Of a matrix row by row. A last row's amount is how far it is from 0 0 0 1, a reflection's the
-/// determinant, a scale the factor, a shear the largest sine between two axes, or by how much the
-/// lengths of two axes differ.
+/// Checks a row-major matrix. The amount is: for the last row, its distance from 0 0 0 1; for a
+/// reflection, the determinant; for a scale, the factor; for a shear, the largest sine between two
+/// axes, or the difference of two axes' lengths.
 inline RigidFault rigid_fault(std::span<const double, 16> m) noexcept {
     for (const double value : m) {
         if (!std::isfinite(value)) {
@@ -75,9 +75,9 @@ inline RigidFault rigid_fault(std::span<const double, 16> m) noexcept {
     return {};
 }
 
-/// The rotation that is nearest to a rigid matrix's, least squares: its orthogonal polar factor, by
+/// The rotation nearest to a rigid matrix's, least squares: its orthogonal polar factor, by
 /// Newton's method (Higham, Computing the polar decomposition, 1986). Each step squares the error:
-/// three lead from the tolerance to rounding.
+/// three steps lead from the tolerance to rounding.
 inline std::array<double, 9> nearest_rotation(std::span<const double, 16> m) noexcept {
     std::array r = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
     for (int step = 0; step < 3; ++step) {
@@ -93,8 +93,8 @@ inline std::array<double, 9> nearest_rotation(std::span<const double, 16> m) noe
     return r;
 }
 
-/// The pose of a rigid matrix, row by row, its w not below 0. The largest of the four parts is
-/// found first (Shepperd, Quaternion from rotation matrix, 1978), so that nothing cancels.
+/// The pose of a rigid row-major matrix, with w >= 0. It computes the largest of the four parts
+/// first (Shepperd, Quaternion from rotation matrix, 1978), which avoids cancellation.
 inline Pose pose_of_matrix(std::span<const double, 16> m) noexcept {
     const std::array r = nearest_rotation(m);
     const double trace = r[0] + r[4] + r[8];
@@ -114,8 +114,8 @@ inline Pose pose_of_matrix(std::span<const double, 16> m) noexcept {
     return {{m[3], m[7], m[11]}, normalized(q)};
 }
 
-/// Turned by roll about x, then by pitch about y, then by yaw about z, the axes staying where they
-/// are: Rz(yaw) Ry(pitch) Rx(roll), as URDF writes it. Radians.
+/// Rotates by roll about x, then pitch about y, then yaw about z, about fixed axes: Rz(yaw)
+/// Ry(pitch) Rx(roll), as in URDF. Radians.
 inline Quat quaternion_of_rpy(const Vec3& rpy) noexcept {
     const double cr = std::cos(rpy.x / 2);
     const double sr = std::sin(rpy.x / 2);
@@ -127,11 +127,12 @@ inline Quat quaternion_of_rpy(const Vec3& rpy) noexcept {
             cr * cp * cy + sr * sp * sy};
 }
 
-/// The other way; at a pitch of 90 degrees, where roll and yaw turn about one axis, roll is 0.
+/// The inverse of quaternion_of_rpy. At a pitch of 90 degrees roll and yaw share one axis; roll is
+/// then 0.
 inline Vec3 rpy_of_quaternion(const Quat& q) noexcept {
     const auto& [m] = matrix(q);
     const double across = std::hypot(m[0], m[3]);
-    const double pitch = std::atan2(0.0 - m[6], across);  // 0, never -0, of no pitch
+    const double pitch = std::atan2(0.0 - m[6], across);  // 0, never -0, for a pitch of zero
     constexpr double kLocked = 1e-9;
     if (across < kLocked) {
         return {0.0, pitch, std::atan2(0.0 - m[1], m[4])};

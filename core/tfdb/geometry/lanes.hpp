@@ -1,7 +1,7 @@
 // A few doubles side by side, by the vector extensions of GCC and Clang: two on every machine, four
-// with AVX2, eight with AVX-512. Only the kernel files include this; the width is part of every
-// type, and all is inlined always, so the linker cannot take a function compiled for one
-// instruction set for that of another file.
+// with AVX2, eight with AVX-512. Only the kernel files include this. The width is part of every
+// type and every function is always inlined, so the linker cannot substitute a function that
+// another file compiled for another instruction set.
 #pragma once
 
 #include <cstddef>
@@ -37,7 +37,7 @@ TFDB_INLINE const char* part(Rows rows, int lane, int from) {
 template <int Count>
 struct Lanes;
 
-/// Two lanes: SSE2, NEON, or whatever the compiler makes of them.
+/// Two lanes: SSE2, NEON, or the compiler's substitute.
 template <>
 struct Lanes<2> {
     using Real = double __attribute__((vector_size(16)));
@@ -75,7 +75,7 @@ struct Lanes<2> {
         }
     }
 
-    /// Where each lane's number is, in columns that begin with the first lane's.
+    /// The positions of the lanes' numbers, in columns that begin with the first lane's.
     using Places = std::uint32_t;
     TFDB_INLINE static Places places(const std::uint32_t* of) { return of[1] - of[0]; }
     TFDB_INLINE static Real spread(const void* column, Places places) {
@@ -96,7 +96,7 @@ struct Lanes<4> {
 
     TFDB_INLINE static Real fill(double value) { return Real{value, value, value, value}; }
     TFDB_INLINE static Word fill(std::uint64_t value) { return Word{value, value, value, value}; }
-    // From a list: assigning lane by lane makes GCC go through memory.
+    // From an initializer list: lane-by-lane assignment makes GCC go through memory.
     template <class Each>
     TFDB_INLINE static Real make(Each each) {
         return Real{each(0), each(1), each(2), each(3)};
@@ -132,7 +132,7 @@ struct Lanes<4> {
     TFDB_INLINE static Places places(const std::uint32_t* of) {
         const __m128i from_first =
             _mm_sub_epi32(load<__m128i>(of), _mm_set1_epi32(static_cast<int>(of[0])));
-        // Each double is two numbers of 32 bits.
+        // Each double counts as two numbers of 32 bits.
         const __m256i low = _mm256_slli_epi64(_mm256_cvtepu32_epi64(from_first), 1);
         const __m256i high = _mm256_slli_epi64(_mm256_add_epi64(low, _mm256_set1_epi64x(1)), 32);
         return _mm256_or_si256(low, high);
@@ -198,7 +198,8 @@ struct Lanes<8> {
     }
 
 private:
-    static constexpr __mmask8 kAll = 0xFF;  // GCC warns of what the forms without a mask begin with
+    // GCC warns about the uninitialised source of the forms without a mask
+    static constexpr __mmask8 kAll = 0xFF;
 
     TFDB_INLINE static Real even_quarters(Real a, Real b) {
         return __builtin_shufflevector(a, b, 0, 1, 4, 5, 8, 9, 12, 13);

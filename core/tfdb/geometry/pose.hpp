@@ -3,23 +3,23 @@
 // A pose T[target<-source] maps a point of `source` into `target`. All functions are pure and take
 // unit quaternions (to about 1e-9; `normalized` makes one).
 //
-// What a lookup computes is written once, for any kind of number: a double, or several side by side
-// (lanes.hpp). The same operations in the same order give the same bits in each of them, provided
-// that the compiler does not merge a product and a sum into one rounding: -ffp-contract=off.
+// The arithmetic of a lookup is written once, for any number type: a double, or several side by
+// side (lanes.hpp). The same operations in the same order give the same bits in each type, if the
+// compiler never fuses a product and a sum into one rounding: -ffp-contract=off.
 #pragma once
 
 #include <cmath>
 #include <type_traits>
 
-// A lookup is a handful of these per edge. They are inlined even where GCC thinks them too large,
-// and poses are written member by member: copied as blocks they would go through memory, and a wide
-// load that follows narrow stores stalls. Always inlined, code for one instruction set also stays
-// in the file that was compiled for it.
+// A lookup calls a handful of these functions per edge. They are inlined even if GCC thinks them
+// too large. Poses are written member by member: a block copy would go through memory, and a wide
+// load after narrow stores stalls. Inlining also keeps code for one instruction set in the file
+// that was compiled for it.
 #define TFDB_INLINE [[gnu::always_inline]] inline
 
 namespace tfdb::geometry {
 
-/// What arithmetic on a kind of number needs besides + - * /.
+/// The arithmetic on a number type besides + - * /.
 template <class Number>
 struct Arithmetic;
 
@@ -57,7 +57,7 @@ using Pose = PoseOf<double>;
 static_assert(sizeof(Pose) == 7 * sizeof(double), "x y z qx qy qz qw, without padding");
 static_assert(std::is_trivially_copyable_v<Pose> && std::is_standard_layout_v<Pose>);
 
-/// As a second argument: the first one decides the kind of number.
+/// Type of a second argument: only the first one decides the number type.
 template <class Type>
 using Same = std::type_identity_t<Type>;
 
@@ -85,12 +85,12 @@ TFDB_INLINE constexpr QuatOf<Number> scaled(const QuatOf<Number>& q, Number by) 
     return {q.x * by, q.y * by, q.z * by, q.w * by};
 }
 
-/// Any quaternion but zero, scaled to length one.
+/// Any nonzero quaternion, scaled to length one.
 inline Quat normalized(const Quat& q) noexcept {
     return scaled(q, 1.0 / std::sqrt(norm_squared(q)));
 }
 
-/// The rotation b first, then a.
+/// First rotation b, then a.
 template <class Number>
 TFDB_INLINE constexpr QuatOf<Number> multiply(const QuatOf<Number>& a,
                                               const Same<QuatOf<Number>>& b) noexcept {
@@ -100,7 +100,7 @@ TFDB_INLINE constexpr QuatOf<Number> multiply(const QuatOf<Number>& a,
             (a.w * b.w - a.x * b.x) - (a.y * b.y + a.z * b.z)};
 }
 
-/// q v q*, as v + 2 w (r x v) + 2 r x (r x v) with r the vector part.
+/// q v q*, as v + 2 w (r x v) + 2 r x (r x v), with r the vector part.
 template <class Number>
 TFDB_INLINE constexpr Vec3Of<Number> rotate(const QuatOf<Number>& q,
                                             const Same<Vec3Of<Number>>& v) noexcept {
@@ -117,7 +117,7 @@ TFDB_INLINE constexpr Vec3Of<Number> rotate_inverse(const QuatOf<Number>& q,
     return rotate(conjugate(q), v);
 }
 
-/// The point p of the source frame, in the target frame.
+/// The point p of the source frame, expressed in the target frame.
 template <class Number>
 TFDB_INLINE constexpr Vec3Of<Number> apply(const PoseOf<Number>& pose,
                                            const Same<Vec3Of<Number>>& p) noexcept {
@@ -153,7 +153,7 @@ TFDB_INLINE constexpr PoseOf<Number> inverse(const PoseOf<Number>& pose) noexcep
     return {{-turned.x, -turned.y, -turned.z}, back};
 }
 
-/// The rotation as a matrix, row by row.
+/// The rotation as a row-major matrix.
 template <class Number>
 struct MatrixOf {
     Number m[9];

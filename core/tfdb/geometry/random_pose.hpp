@@ -1,4 +1,4 @@
-// Random poses and tracks for tests; never near the identity by chance alone.
+// Random poses and trajectories for tests, away from the identity.
 #pragma once
 
 #include <cmath>
@@ -13,7 +13,7 @@ namespace tfdb::geometry::testing {
 
 using clock::StampNs;
 
-/// One random source per test; the seed is printed so that a failure can be repeated.
+/// One random source per test. It prints its seed so that a failure can be repeated.
 /// Threads: one. Guarantee: the same numbers for the same seed on one standard library.
 class RandomPoses {
 public:
@@ -32,7 +32,7 @@ public:
     Quat rotation() { return normalized({normal(), normal(), normal(), normal()}); }
     Pose pose(double scale = 3.0) { return {point(scale), rotation()}; }
 
-    /// A quaternion at exactly this angle (of the four-dimensional sphere) from q.
+    /// A quaternion at exactly this angle from q, on the four-dimensional sphere.
     Quat apart(const Quat& q, double angle) {
         const Quat r = rotation();
         const double along = dot(q, r);
@@ -55,13 +55,13 @@ inline double distance(const Vec3& a, const Vec3& b) {
     return std::hypot(a.x - b.x, a.y - b.y, a.z - b.z);
 }
 
-/// Greatest difference of two components; q and -q are different here.
+/// Greatest difference of two components; q and -q differ here.
 inline double distance(const Quat& a, const Quat& b) {
     return std::fmax(std::fmax(std::fabs(a.x - b.x), std::fabs(a.y - b.y)),
                      std::fmax(std::fabs(a.z - b.z), std::fabs(a.w - b.w)));
 }
 
-/// The same for rotations: q and -q are the same.
+/// The same for rotations: q and -q are equal.
 inline double rotation_distance(const Quat& a, const Quat& b) {
     return std::fmin(distance(a, b), distance(a, {-b.x, -b.y, -b.z, -b.w}));
 }

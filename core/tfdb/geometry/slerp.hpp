@@ -1,5 +1,5 @@
-// From one pose to the next: linear in the translation, slerp in the rotation. For any kind of
-// number type of pose.hpp, so that one lookup and a batch of many give the same bits.
+// Interpolation between two poses: linear in the translation, slerp in the rotation. For any number
+// type of pose.hpp, so that a single lookup and a batch give the same bits.
 //
 // Slerp without trigonometry. Put f_u(x) = sin(u th) / sin(th) with x = cos(th) - 1. It solves the
 // Gegenbauer equation (1 - c^2) f'' - 3 c f' + (u^2 - 1) f = 0 in c = cos(th), regular at c = 1,
@@ -10,7 +10,8 @@
 //
 // For 0 <= u <= 1 the terms fall like (x / 2)^i, so a few of them are exact to the last bits of a
 // double; D. Eberly, "A fast and accurate algorithm for computing slerp", JGT 15 (2011), uses the
-// same expansion. An angle of more than 11 degrees is halved first: then 19 terms do for any.
+// same expansion. An angle of more than 11 degrees is halved first: 19 terms then suffice for any
+// angle.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +20,7 @@
 
 namespace tfdb::geometry {
 
-/// How far `stamp` lies on the way from `a` to `b`, 0 to 1 in between.
+/// The position of `stamp` between `a` and `b`: 0 at `a`, 1 at `b`.
 TFDB_INLINE constexpr double share(std::int64_t a, std::int64_t b, std::int64_t stamp) noexcept {
     return static_cast<double>(stamp - a) / static_cast<double>(b - a);
 }
@@ -31,11 +32,13 @@ inline constexpr double kShortLimit = 3.9e-4;
 inline constexpr double kLongLimit = 0.0184;
 inline constexpr int kShort = 4;
 inline constexpr int kLong = 8;
-// Half of any angle: th < 45 degrees, |x| < 0.293. They leave less than 1e-16.
+// Half of any angle: th < 45 degrees,
+// x
+// < 0.293. These terms leave less than 1e-16.
 inline constexpr int kHalved = 19;
 
-/// f_u(x) / u with `Terms` terms, in Horner's form; `squared` is u^2, or several of them. What
-/// depends on x alone stands by itself: it is the same for all stamps between two samples.
+/// f_u(x) / u with `Terms` terms, in Horner's form; `squared` is u^2, or several of them. The parts
+/// that depend on x alone are separate: they are equal for all stamps between two samples.
 template <int Terms, class X, class Number>
 TFDB_INLINE constexpr Number sum(X x, Number squared) noexcept {
     const auto factor = [&](int j) {
@@ -89,7 +92,7 @@ TFDB_INLINE constexpr QuatOf<Number> mix_by_series(const QuatOf<Number>& a, cons
     return mix(a, weight.of_a, b, weight.of_b * sign);
 }
 
-/// One Newton step towards 1 / sqrt(norm^2): all that a norm so near to one needs.
+/// One Newton step towards 1 / sqrt(norm^2): enough for a norm so near to one.
 template <class Number>
 TFDB_INLINE constexpr QuatOf<Number> straightened(const QuatOf<Number>& q) noexcept {
     return scaled(q, 1.5 - 0.5 * norm_squared(q));
@@ -113,7 +116,7 @@ TFDB_INLINE constexpr PoseOf<Number> choose(Mask mask, const PoseOf<Number>& yes
             choose(mask, yes.rotation, no.rotation)};
 }
 
-/// Any angle: that half of the way in which u lies.
+/// For any angle: interpolates in the half of the arc that contains u.
 template <class Number>
 TFDB_INLINE QuatOf<Number> slerp_halved(const QuatOf<Number>& a, const QuatOf<Number>& b,
                                         Number sign, Number u) noexcept {
@@ -129,7 +132,7 @@ TFDB_INLINE QuatOf<Number> slerp_halved(const QuatOf<Number>& a, const QuatOf<Nu
         A::choose(late, twice - 1.0, twice)));
 }
 
-/// Where some angle is too wide for the short series. Each number goes the way that is its own.
+/// If some angle is too wide for the short series: each number takes its own series.
 template <class Number>
 TFDB_INLINE QuatOf<Number> slerp_far(const QuatOf<Number>& a, const QuatOf<Number>& b, Number x,
                                      Number sign, Number u) noexcept {
@@ -154,7 +157,11 @@ TFDB_INLINE QuatOf<Number> slerp_far(const QuatOf<Number>& a, const QuatOf<Numbe
 
 /// For u outside [0, 1], by libm.
 inline Quat slerp_outside(const Quat& a, const Quat& b, double sign, double u) noexcept {
-    // Half the angle from |a - b| and |a + b|: as good near 0 as near 180 degrees, unlike acos.
+    // Half the angle from
+    // a - b
+    // and
+    // a + b
+    // : accurate near 0 and near 180 degrees, unlike acos.
     const double apart = norm_squared(mix(a, 1.0, b, -sign));
     const double along = norm_squared(mix(a, 1.0, b, sign));
     const double angle = 2.0 * std::atan2(std::sqrt(apart), std::sqrt(along));
@@ -167,7 +174,7 @@ inline Quat slerp_outside(const Quat& a, const Quat& b, double sign, double u) n
     return normalized(mix(a, of_a, b, of_b * sign));
 }
 
-/// The rare ways of a double, out of the way of the common one.
+/// The rare cases of a double, kept out of the common one.
 [[gnu::noinline]] inline Quat slerp_rare(Quat a, Quat b, double x, double sign, double u) noexcept {
     const bool inside = u >= 0.0 && u <= 1.0;
     return inside ? slerp_far(a, b, x, sign, u) : slerp_outside(a, b, sign, u);
@@ -178,8 +185,8 @@ inline Quat slerp_outside(const Quat& a, const Quat& b, double sign, double u) n
 /// The distance of two unit quaternions: the part of a slerp that does not depend on u.
 template <class Number>
 struct Apart {
-    Number x;     // cosine of the angle between a and the nearer one of b and -b, less one
-    Number sign;  // of that one: 1 or -1
+    Number x;     // cosine of the angle between a and the nearer of b and -b, minus one
+    Number sign;  // 1 if b is the nearer one, otherwise -1
 };
 
 template <class Number>
@@ -190,9 +197,9 @@ TFDB_INLINE Apart<Number> apart(const QuatOf<Number>& a, const Same<QuatOf<Numbe
     return {cosine * sign - 1.0, sign};
 }
 
-/// From a (u = 0) towards b (u = 1) at constant angular speed, along the shorter way; of two that
-/// are equally long, to b itself and not to -b. The norm is 1 to a few units of the last place.
-/// A double u may lie outside [0, 1]: the rotation goes on at the same speed.
+/// From a (u = 0) towards b (u = 1) at constant angular speed, along the shorter arc. If both arcs
+/// are equally long, it ends at b and not at -b. The norm is 1 to a few units of the last place. A
+/// double u may lie outside [0, 1]: the rotation continues at the same speed.
 template <class Number>
 TFDB_INLINE QuatOf<Number> slerp(const QuatOf<Number>& a, const Same<QuatOf<Number>>& b,
                                  const Apart<Number>& way, Number u) noexcept {
@@ -200,7 +207,7 @@ TFDB_INLINE QuatOf<Number> slerp(const QuatOf<Number>& a, const Same<QuatOf<Numb
     const auto far = way.x <= A::fill(-slerp_series::kShortLimit);
     if constexpr (std::is_same_v<Number, double>) {
         if (far || u < 0.0 || u > 1.0) [[unlikely]] {
-            // Copies: the address of an argument would keep it in memory on the way below too.
+            // Copies: the address of an argument would keep it in memory on the common path below.
             return detail::slerp_rare(Quat{a.x, a.y, a.z, a.w}, Quat{b.x, b.y, b.z, b.w}, way.x,
                                       way.sign, u);
         }
@@ -216,7 +223,7 @@ TFDB_INLINE QuatOf<Number> slerp(const QuatOf<Number>& a, const Same<QuatOf<Numb
     return slerp(a, b, apart(a, b), u);
 }
 
-/// Linear in the translation, slerp in the rotation. a and b themselves at u = 0 and u = 1.
+/// Linear in the translation, slerp in the rotation. Exactly a and b at u = 0 and u = 1.
 template <class Number>
 TFDB_INLINE PoseOf<Number> interpolate(const PoseOf<Number>& a, const Same<PoseOf<Number>>& b,
                                        Number u) noexcept {

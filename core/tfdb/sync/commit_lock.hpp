@@ -11,16 +11,16 @@ namespace tfdb::sync {
 /// A mutex on one word, after U. Drepper, "Futexes Are Tricky" (2011), section "Mutex, take 3",
 /// with a second lane for urgent requests, which the word counts.
 /// Threads: any may lock; only the holder may unlock.
-/// Guarantee: `try_lock` is wait-free. An urgent request waits, from when it is counted, for the
-/// holder and for other urgent ones only: no ordinary request gets the lock before it. Within a
-/// lane the lock is not fair, and urgent requests may starve the others. `Spins` is small only in
-/// tests that walk every interleaving.
+/// Guarantee: `try_lock` is wait-free. Once an urgent request is counted, it waits only for the
+/// holder and for other urgent requests: no ordinary request gets the lock before it. Within a lane
+/// the lock is not fair, and urgent requests may starve the others. `Spins` is small only in tests
+/// that explore every interleaving.
 template <class Word, int Spins = 100>  // a futex hand-off costs twice the throughput (measured)
 class BasicCommitLock {
 public:
     explicit BasicCommitLock(Word& word) noexcept : word_(word) {}
 
-    /// Fails also during an urgent request.
+    /// Also fails while an urgent request is counted.
     bool try_lock() noexcept {
         std::uint64_t found = 0;
         return word_.compare_exchange(found, kHeld);
@@ -35,8 +35,8 @@ public:
         (void)await(kHeld, kOneUrgent, kForever);
     }
 
-    /// Sleeps once, at most so long. False: another one had the lock then, too; the caller may do
-    /// something else, even with this lock, and come back. An urgent request is not counted
+    /// Sleeps once, for at most this time. False: another thread still holds the lock; the caller
+    /// may do other work, even with this lock, and call again. An urgent request is not counted
     /// between two calls.
     [[nodiscard]] bool lock_within(std::int64_t longest_ns, bool urgently) noexcept {
         if (try_lock())
@@ -56,14 +56,14 @@ public:
         }
         if ((found & kSleepers) == 0)
             return;
-        // A woken thread that may not have it yet would keep it from one that may.
+        // A woken thread that may not lock yet would block one that may.
         if ((found & kAnyUrgent) != 0)
             word_.wake_all();
         else
             word_.wake_one();
     }
 
-    /// Whether it is held or urgently requested.
+    /// Whether the lock is held or urgently requested.
     [[nodiscard]] bool in_use() const noexcept { return word_.load_relaxed() != 0; }
 
 private:
@@ -74,9 +74,9 @@ private:
 
     static constexpr std::int64_t kForever = std::numeric_limits<std::int64_t>::max();
 
-    /// Takes it once nothing is `in_the_way`; `counted` is this request's own part of the word.
-    /// False: something still is after a sleep of `longest_ns`. The word then says that somebody
-    /// may sleep, so a wake-up that ended this sleep is not lost to the others.
+    /// Locks once nothing is `in_the_way`; `counted` is this request's own part of the word. False:
+    /// the word is still in the way after a sleep of `longest_ns`. The word then marks a possible
+    /// sleeper, so other threads do not lose the wake-up that ended this sleep.
     bool await(std::uint64_t in_the_way, std::uint64_t counted, std::int64_t longest_ns) noexcept {
         std::uint64_t sleepers = 0;
         for (int spin = 0;;) {
@@ -97,7 +97,8 @@ private:
         }
     }
 
-    /// Takes an urgent request out of the word. Where the lock is free, it kept others from it.
+    /// Takes an urgent request out of the word. A free lock was reserved for it, so others are
+    /// woken.
     void withdraw() noexcept {
         std::uint64_t found = word_.load_relaxed();
         std::uint64_t left = 0;

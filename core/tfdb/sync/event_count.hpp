@@ -5,14 +5,14 @@
 
 namespace tfdb::sync {
 
-/// A word that counts its notifications, with a bit that is set while a thread listens. It has no
-/// count of listeners, so a killed listener leaves nothing to clean up.
+/// A word that counts its notifications, with a bit that is set while a thread listens. It does not
+/// count listeners, so a killed listener leaves nothing to clean up.
 ///
-/// A listener: `arm`, check the condition, then `sleep`. A change: make it, unlock its lock, then
-/// `notify`.
+/// A listener calls `arm`, checks the condition, then calls `sleep`. A writer makes the change,
+/// unlocks its lock, then calls `notify`.
 /// Threads: any, of any process that has the word mapped.
-/// Guarantee: all but `sleep` are wait-free. No change is missed: it is seen by the look behind
-/// `arm`, or its `notify` ends the sleep.
+/// Guarantee: all but `sleep` are wait-free. No change is missed: the check after `arm` sees it, or
+/// its `notify` ends the sleep.
 template <class Word>
 class BasicEventCount {
 public:
@@ -26,15 +26,15 @@ public:
         Word::fence_full();
         return found | kListened;
     }
-    /// At most so long; not at all after a `notify` since `arm`.
+    /// Sleeps for at most this time; returns at once after a `notify` since `arm`.
     Woken sleep(std::uint64_t armed, std::int64_t longest_ns) const noexcept {
         return word_.sleep(armed, longest_ns);
     }
-    /// Right behind the operation that unlocks what was changed: that is the fence.
+    /// Call right after the operation that unlocks the change: that operation is the fence.
     void notify() noexcept {
         Word::fence_full_after_exchange();
         std::uint64_t found = word_.load_relaxed();
-        // Where the exchange fails another thread notifies; a later `arm` is followed by a later
+        // If the exchange fails, another thread notifies, and a later `arm` is followed by a later
         // check.
         if ((found & kListened) != 0 &&
             word_.compare_exchange(found, found + kOneNotify - kListened))

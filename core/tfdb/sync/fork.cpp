@@ -15,7 +15,7 @@ Word g_forks;
 
 namespace {
 
-// The forking thread holds it meanwhile, so that the child finds the list whole.
+// Held by the forking thread during the fork, so that the child gets a consistent list.
 Word g_lock_word;
 ForkWatcher* g_first = nullptr;
 
@@ -48,7 +48,7 @@ void tell_no_more(ForkWatcher& watcher) noexcept {
 }
 
 void watch_forks() {
-    // The child has this one thread only.
+    // The child has only this thread.
     static const int failed =
         ::pthread_atfork([] { list_lock().lock(); }, [] { list_lock().unlock(); },
                          [] {

@@ -1,4 +1,4 @@
-// Whether this process is a fork of the one in which something was made.
+// Detects that this process is a fork of the one in which an object was created.
 #pragma once
 
 #include "tfdb/sync/word.hpp"
@@ -9,10 +9,10 @@ namespace detail {
 extern Word g_forks;
 }
 
-/// From the first call on, forks are counted. Throws std::bad_alloc.
+/// Starts to count forks. Throws std::bad_alloc.
 void watch_forks();
 
-/// How many forks lie between this process and the one that called `watch_forks` first. In a child
+/// The number of forks between this process and the one that first called `watch_forks`. In a child
 /// it is greater than in its parent before any other code of the child runs.
 /// Threads: any. Guarantee: wait-free.
 [[nodiscard]] inline std::uint64_t forks() noexcept {
@@ -38,7 +38,7 @@ private:
     ForkWatcher* next_ = nullptr;
     ForkWatcher* before_ = nullptr;
 };
-/// After `watch_forks`. Both: any thread; they wait while another one forks.
+/// Call after `watch_forks`. Both: any thread; they wait while another thread forks.
 void tell_of_forks(ForkWatcher& watcher) noexcept;
 void tell_no_more(ForkWatcher& watcher) noexcept;
 

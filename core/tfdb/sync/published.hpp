@@ -1,4 +1,4 @@
-// A few words that change together, in memory that processes share.
+// A few words that change together, in memory shared by processes.
 #pragma once
 
 #include <array>
@@ -9,12 +9,12 @@
 
 namespace tfdb::sync {
 
-/// A value of several words: a reader gets one that was written, never a mixture of two.
+/// A value of several words: a reader gets a value that was written, never a mixture of two.
 ///
-/// A writer fills the slot that is not in use, and then counts on. If it dies before that, the
-/// value is the one before. The words begin as zeros.
+/// A writer fills the unused slot, then increments the count. If it dies before that, the previous
+/// value remains. The words start as zeros.
 /// Threads: any read; one writes at a time, under a lock.
-/// Guarantee: `write` is wait-free; `read` begins again only if a write ended meanwhile.
+/// Guarantee: `write` is wait-free; `read` restarts only if a write ended meanwhile.
 template <class Word, unsigned Words>
 class BasicPublished {
 public:
@@ -23,7 +23,7 @@ public:
 
     explicit BasicPublished(Word* words) noexcept : words_(words) {}
 
-    /// None: nothing was written so far.
+    /// Empty before the first write.
     [[nodiscard]] std::optional<Value> read() const noexcept {
         for (;;) {
             const std::uint64_t written = words_[0].load_acquire();
@@ -37,11 +37,11 @@ public:
                 return value;
         }
     }
-    /// How often it was written.
+    /// The number of writes.
     [[nodiscard]] std::uint64_t writes() const noexcept { return words_[0].load_acquire(); }
     void write(const Value& value) noexcept {
         const std::uint64_t written = words_[0].load_relaxed();
-        // A reader that sees a word of this value sees that its own slot is out of use.
+        // A reader that sees a word of this value also sees that its own slot is out of use.
         Word::fence_release();
         for (unsigned i = 0; i < Words; ++i)
             slot(written + 1)[i].store_relaxed(value[i]);

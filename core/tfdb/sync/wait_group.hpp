@@ -1,4 +1,4 @@
-// One waiting thread watches for all waiters of its process.
+// One waiting thread watches the event for all waiting threads of its process.
 #pragma once
 
 #include <algorithm>
@@ -9,12 +9,12 @@
 
 namespace tfdb::sync {
 
-/// The first waiting thread listens to the event and looks for all waiting threads; the others
-/// sleep on words of their own, until what they wait for has come or they lead. So a change wakes
-/// one thread of a process, however many wait there, and no thread is needed beside those. Threads:
-/// any. Guarantee: `wait` blocks; each of its ends hands the lead on. A thread that was woken by
-/// the event does not listen again for `RestNs`: changes that come without a pause are looked at
-/// together, and cost their writers next to nothing. `Spins`: of the lock.
+/// The first waiting thread listens to the event and checks the conditions of all waiting threads.
+/// The others sleep on their own words until their condition holds or they become the leader. So a
+/// change wakes one thread of a process, and no extra thread is needed.
+/// Threads: any. Guarantee: `wait` blocks; however it ends, it hands the lead on. After the event
+/// woke a thread, it does not listen again for `RestNs`: rapid changes are checked together, and
+/// cost their writers almost nothing. `Spins`: of the lock.
 template <class Word, std::int64_t RestNs = 1'000'000, int Spins = 100>
 class BasicWaitGroup {
 public:
@@ -46,17 +46,17 @@ public:
 
     // -- all of these: the lock is held --
 
-    /// Returns once `end` was called for the waiter, or its patience is at an end. `look()` ends
-    /// the waiters whose condition holds after all changes until then; the caller has looked for
-    /// itself before, and not unlocked since. `patience` says how long
-    /// it still waits, `left()`, whether a signal may end that, `heeds_signals()`, and is told of
-    /// each, `signalled()`, without the lock. What these throw ends the wait.
+    /// Returns after `end` was called for the waiter, or when its patience runs out. `look()` ends
+    /// the waiters whose condition holds after all changes so far. The caller must have checked its
+    /// own condition before, and must not have unlocked since. `patience` gives the remaining time,
+    /// `left()`, and whether a signal may end the wait, `heeds_signals()`. Each signal calls its
+    /// `signalled()` without the lock. An exception from any of these ends the wait.
     template <class Look, class Patience>
     void wait(Waiter& waiter, Look look, Patience& patience) {
         for (;;) {
             if (stay(waiter, look, patience) != Woken::kInterrupted)
                 return;
-            // Whatever that does, others may go on meanwhile.
+            // Other threads may proceed while the signal is handled.
             const Unlocked unlocked(*this);
             patience.signalled();
         }
@@ -65,15 +65,15 @@ public:
         waiter.word_.store_release(kEnded);
         waiter.word_.wake_all();
     }
-    /// After `end` of any: also the one that listens to the event is told.
+    /// Call after `end` of any waiter: it also notifies the thread that listens to the event.
     void tell() noexcept { event_.notify(); }
 
 private:
     static constexpr std::uint64_t kWaits = 0;
-    static constexpr std::uint64_t kLeads = 1;  // from now on, or soon
+    static constexpr std::uint64_t kLeads = 1;  // now or soon
     static constexpr std::uint64_t kEnded = 2;
-    // A writer may be killed between its commit and the event, and a signal come just before the
-    // sleep.
+    // Bounds the sleep: a writer may be killed between its commit and the event, and a signal may
+    // arrive just before the sleep.
     static constexpr std::int64_t kLongestSleepNs = 100'000'000;
 
     /// Threads: one. Guarantee: the lock is free for its lifetime.
@@ -131,7 +131,7 @@ private:
         return Woken::kChanged;
     }
 
-    /// Until the next notification, or a signal.
+    /// Sleeps until the next notification or signal.
     template <class Look, class Patience>
     Woken lead(Waiter& waiter, Look& look, Patience& patience) {
         if constexpr (RestNs > 0) {
@@ -153,7 +153,7 @@ private:
         return woken;
     }
 
-    /// Where it would take longer than one sleeps at a time, it ends as if by a signal.
+    /// A sleep longer than the limit ends as if by a signal.
     template <class On>
     Woken sleep(On& on, std::uint64_t value, std::int64_t left) {
         const Unlocked unlocked(*this);
@@ -165,7 +165,7 @@ private:
     Word lock_word_;
     Lock lock_{lock_word_};
     Waiter* leader_ = nullptr;
-    std::vector<Waiter*> present_;  // those not in a signal handler
+    std::vector<Waiter*> present_;  // except those in a signal handler
     std::int64_t rests_until_ = 0;
 };
 

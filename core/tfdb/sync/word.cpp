@@ -15,7 +15,7 @@ namespace {
 constexpr std::int64_t kSecond = 1'000'000'000;
 static_assert(std::endian::native == std::endian::little, "a futex is the lower half of a word");
 
-/// The word may lie in a file that other processes map, too: no private futex.
+/// A shared futex, not a private one: the word may lie in a file that other processes map.
 long futex(const void* word, int operation, std::uint32_t value, const timespec* time) noexcept {
     return ::syscall(SYS_futex, word, operation, value, time, nullptr, 0);
 }

@@ -1,5 +1,4 @@
-// The one shared 64-bit word, its memory orders and the fences: every shared datum is made of
-// these.
+// The shared 64-bit word, its memory orders and the fences: all shared data consist of these.
 #pragma once
 
 #include <atomic>
@@ -8,7 +7,7 @@
 namespace tfdb::sync {
 
 // ThreadSanitizer does not model fences. That is harmless here: all shared data are atomic words,
-// so no race is ever reported or missed because of a fence.
+// so a fence never causes a false or a missed race report.
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wtsan"
@@ -28,19 +27,20 @@ inline void fence_full() noexcept {
 #endif
 
 #ifdef TFDB_COUNTS_STORES
-/// Called before every store, by programs that count them, to die at one: see `make torture`.
+/// Called before every store in builds that count stores in order to die at one: see `make
+/// torture`.
 void about_to_store() noexcept;
 #else
 inline void about_to_store() noexcept {}
 #endif
 
 /// How a sleep ended.
-enum class Woken : std::uint8_t { kChanged, kTimedOut, kInterrupted };  // the last: by a signal
+enum class Woken : std::uint8_t { kChanged, kTimedOut, kInterrupted };  // kInterrupted: by a signal
 
-/// A 64-bit word that threads and processes share.
+/// A 64-bit word shared by threads and processes.
 /// Threads: any may call anything.
-/// Guarantee: every operation is wait-free but `wait`, which blocks until the value differs, and
-/// `sleep`.
+/// Guarantee: every operation is wait-free except `sleep` and `wait`, which blocks until the value
+/// differs.
 class Word {
 public:
     [[nodiscard]] std::uint64_t load_relaxed() const noexcept {
@@ -57,7 +57,7 @@ public:
         about_to_store();
         value_.store(value, std::memory_order_release);
     }
-    /// On failure `expected` holds what was found.
+    /// On failure `expected` holds the current value.
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) noexcept {
         about_to_store();
         return value_.compare_exchange_strong(expected, desired, std::memory_order_acq_rel,
@@ -71,9 +71,9 @@ public:
         about_to_store();
         return value_.fetch_add(delta, std::memory_order_acq_rel);
     }
-    /// Operations in one total order: where two threads each do a `compare_exchange_ordered`, then
-    /// a `load_ordered` of the other's word, one of the two sees what the other did. Cheaper than a
-    /// full fence between the two.
+    /// Operations in one total order: if two threads each call `compare_exchange_ordered`, then
+    /// `load_ordered` of the other's word, at least one of them sees the other's change. This is
+    /// cheaper than a full fence in between.
     bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) noexcept {
         about_to_store();
         return value_.compare_exchange_strong(expected, desired, std::memory_order_seq_cst,
@@ -83,14 +83,13 @@ public:
         return value_.load(std::memory_order_seq_cst);
     }
 
-    /// The fences as the word's own, so that code over any kind of word uses that kind's fences.
+    /// The fences as members, so that generic code uses the fences of its word type.
     static void fence_acquire() noexcept { sync::fence_acquire(); }
     static void fence_release() noexcept { sync::fence_release(); }
     static void fence_full() noexcept { sync::fence_full(); }
 
-    /// A full fence behind an operation that changed some word of memory and read it at once, as
-    /// the unlocking of a lock does. Where the processor lets nothing past such an operation, it
-    /// costs nothing.
+    /// A full fence after an operation that changed a word of memory and read it at once, such as
+    /// unlocking a lock. It costs nothing on processors that let no access pass such an operation.
     static void fence_full_after_exchange() noexcept {
 #if defined(__x86_64__)
         std::atomic_signal_fence(std::memory_order_seq_cst);
@@ -99,8 +98,8 @@ public:
 #endif
     }
 
-    /// Sleeps until `wake_one` or `wake_all`, in whatever process that has the word mapped, or for
-    /// so long; not at all where the lower half of the value differs already.
+    /// Sleeps until `wake_one` or `wake_all` in any process that maps the word, or until the time
+    /// is over. Returns at once if the lower half of the value already differs.
     Woken sleep(std::uint64_t old, std::int64_t longest_ns) const noexcept;
     void wake_one() noexcept;
     void wake_all() noexcept;
@@ -119,7 +118,7 @@ private:
     std::atomic<std::uint64_t> value_;
 };
 
-/// A pointer that the threads of a process share.
+/// A pointer shared by the threads of a process.
 /// Threads: any. Guarantee: wait-free.
 template <class T>
 class Pointer {
@@ -128,7 +127,7 @@ public:
         return value_.load(std::memory_order_acquire);
     }
     void store_release(T* value) noexcept { value_.store(value, std::memory_order_release); }
-    /// On failure `expected` holds what was found.
+    /// On failure `expected` holds the current value.
     bool compare_exchange(T*& expected, T* desired) noexcept {
         return value_.compare_exchange_strong(expected, desired, std::memory_order_acq_rel,
                                               std::memory_order_acquire);
@@ -142,7 +141,7 @@ static_assert(sizeof(Word) == 8 && alignof(Word) == 8,
               "a word is eight aligned bytes of the region");
 static_assert(std::atomic<std::uint64_t>::is_always_lock_free, "words must not hide a lock");
 
-/// Nanoseconds of a clock that only goes forward, and that all processes have.
+/// Nanoseconds of a monotonic clock that all processes share.
 [[nodiscard]] std::int64_t steady_now() noexcept;
 
 /// Tells the processor that this thread is spinning.
