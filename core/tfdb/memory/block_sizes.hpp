@@ -14,7 +14,7 @@ inline constexpr unsigned kSizeClasses = 32 * 48;
 
 struct BlockClass {
     unsigned index;
-    std::size_t bytes;  // what a block of this class really holds
+    std::size_t bytes;  // actual size of a block of this class
 };
 
 /// The class that fits `bytes`: sizes are (32 + m) * 2^k lines for m in 0..31, or up to 32 lines.
@@ -29,14 +29,15 @@ constexpr BlockClass block_class(std::size_t bytes) {
     return {32 + shift * 32 + mantissa, rounded * step * kLineBytes};
 }
 
-/// What blocks of a class hold.
+/// Block size of a class.
 constexpr std::size_t class_bytes(unsigned index) {
     if (index < 32)
         return (index + std::size_t{1}) * kLineBytes;
     return (33 + std::size_t{index} % 32) * kLineBytes << (index / 32 - 1);
 }
 
-/// The most of so many lines, at least one, that a block can hold without loss.
+/// The greatest number of lines, at most this many and at least one, that fill a block without
+/// waste.
 constexpr std::size_t whole_block_lines(std::size_t lines) {
     const int spare = static_cast<int>(std::bit_width(lines)) - static_cast<int>(kClassBits) - 1;
     return spare <= 0 ? lines : lines >> spare << spare;

@@ -40,13 +40,13 @@ constexpr std::int64_t kSecond = 1'000'000'000;
 #endif
 #endif
 
-/// Takes the mutex, or gives up at a time of the steady clock.
+/// Locks the mutex, or gives up at a time of the steady clock.
 int lock_until(pthread_mutex_t* mutex, std::int64_t until) noexcept {
 #ifdef TFDB_HAS_CLOCKLOCK
     const timespec at{until / kSecond, until % kSecond};
     return ::pthread_mutex_clocklock(mutex, CLOCK_MONOTONIC, &at);
 #else
-    // Older libraries wait by the clock that may be set: in short steps that matters little.
+    // Older libraries wait by the adjustable clock: with short steps that matters little.
     constexpr std::int64_t kStep = 10'000'000;
     for (;;) {
         const std::int64_t left = until - sync::steady_now();
@@ -62,8 +62,8 @@ int lock_until(pthread_mutex_t* mutex, std::int64_t until) noexcept {
 #endif
 }
 
-/// A lock on a slot's byte: it belongs to the open file, so it ends with the last process that has
-/// it open.
+/// A lock on a slot's byte. It belongs to the open file description, so it ends when the last
+/// process closes that.
 struct flock lock_of(unsigned slot, short kind) {
     struct flock lock {};
     lock.l_type = kind;
@@ -77,7 +77,7 @@ bool set_lock(int file, unsigned slot, short kind) {
     return ::fcntl(file, F_OFD_SETLK, &lock) == 0;
 }
 
-/// Its pid, and the namespace that this is of.
+/// This process's pid, and its pid namespace.
 std::uint64_t this_process() {
     struct stat space {};
     ::stat("/proc/self/ns/pid", &space);
@@ -102,7 +102,7 @@ void make_mutex(pthread_mutex_t* mutex) {
 
 using MutexWords = std::array<std::uint32_t, sizeof(pthread_mutex_t) / 4>;
 
-/// A mutex that was never locked. Its words that are not zero give its kind, and do not change.
+/// A mutex that was never locked. Its nonzero words identify its kind and never change.
 MutexWords fresh_mutex() {
     pthread_mutex_t mutex;
     make_mutex(&mutex);
@@ -112,7 +112,7 @@ MutexWords fresh_mutex() {
     return words;
 }
 
-/// The whole file, which it closes where it throws.
+/// Maps the whole file; closes it before it throws.
 Mapping map_whole(int file, const std::string& path) {
     struct stat status {};
     if (::fstat(file, &status) == 0 && status.st_size == static_cast<off_t>(Control::kBytes))
@@ -144,7 +144,7 @@ Control::~Control() {
 }
 
 bool Control::take_own_slot() noexcept {
-    // Locks belong to the open file, which the parent has, too: the same file is opened once more.
+    // Locks belong to the open file description, which the parent shares: the file is reopened.
     std::array<char, 32> name{};
     std::snprintf(name.data(), name.size(), "/proc/self/fd/%d", file_);
     const int file = ::open(name.data(), O_RDWR | O_CLOEXEC);
@@ -205,7 +205,7 @@ void Control::clear(unsigned index) const noexcept {
 }
 
 bool Control::free_if_dead(unsigned index) const noexcept {
-    // Taken meanwhile, so that no process that begins takes it while it is cleared.
+    // Locked while it is cleared, so that no starting process takes it.
     if (index == mine_ || !set_lock(file_, index, F_WRLCK))
         return false;
     clear(index);
@@ -223,7 +223,7 @@ unsigned Control::count_processes() const {
         if (const std::uint64_t process = slot(i)[kProcessWord].load_relaxed(); process != 0)
             known.push_back(process);
         else
-            ++unknown;  // it has just taken it
+            ++unknown;  // a process has just taken it
     }
     std::sort(known.begin(), known.end());
     const auto end = std::unique(known.begin(), known.end());
@@ -242,7 +242,7 @@ bool Control::is_held_elsewhere() const noexcept {
     return pid != 0 && pid != ::getpid();
 }
 
-/// Any other kind of mutex would not report deaths, or might end the process.
+/// Any other kind of mutex would not report deaths, or might kill the process.
 bool Control::is_mutex() const noexcept {
     static const MutexWords fresh = fresh_mutex();
     const auto* const words = reinterpret_cast<const std::uint32_t*>(mutex());
@@ -257,7 +257,7 @@ Control::Taken Control::took(int result) noexcept {
         return Taken::kNo;
     if (result != 0 && result != EOWNERDEAD)
         return Taken::kBroken;
-    // To ask costs more than the rest of the lock.
+    // Querying the pid costs more than the rest of the lock.
     if (const std::uint64_t forks = sync::forks(); pid_ == 0 || pid_forks_ != forks) {
         pid_ = static_cast<std::uint64_t>(::getpid());
         pid_forks_ = forks;

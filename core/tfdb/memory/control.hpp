@@ -12,25 +12,26 @@
 
 namespace tfdb::memory {
 
-/// A small file beside the data: the lock that writers of all processes take, and slots for the
-/// processes with the pins of what it reads. Read-only processes may still write here.
+/// A small file beside the data. It holds the lock of the writers of all processes, and one slot
+/// per process for the pins of its reads. Read-only processes may still write here.
 ///
-/// The lock is a robust mutex: the kernel hands it on when its holder dies, and reports that. A
-/// slot is its process's as long as that has its byte of the file locked, which the kernel ends as
-/// well; so both work across pid namespaces, and no pid is ever taken for another process's.
-/// Threads: any; the lock is a process's own, so its threads take turns before they come here.
+/// The lock is a robust mutex: the kernel releases it when its holder dies, and reports that. A
+/// process owns a slot as long as it has the slot's byte of the file locked; the kernel releases
+/// that lock as well. So both work across pid namespaces, and a reused pid is never mistaken for
+/// the owner.
+/// Threads: any; a process holds the lock once, so its threads must exclude each other before.
 /// Guarantee: `pins` is wait-free; the lock blocks.
 class Control {
 public:
     static constexpr unsigned kSlots = 2048;
     static constexpr unsigned kSlotWords = 16;
-    static constexpr unsigned kProcessWord = 15;  // of a slot: its process; pins leave it alone
+    static constexpr unsigned kProcessWord = 15;  // of a slot: its process; pins do not use it
     static constexpr std::size_t kBytes = 4096 + std::size_t{kSlots} * kSlotWords * 8;
 
-    /// Readies a new file of that many bytes. Throws CapacityExceeded.
+    /// Initialises a new file of that many bytes. Throws CapacityExceeded.
     static void prepare(const Mapping& mapping, std::uint64_t id);
-    /// Takes a slot of the store at a path. The file is closed in the end. Throws CapacityExceeded
-    /// where none is free, CorruptStore for another kind of file, a cut one, or another store's.
+    /// Takes a slot of the store at a path, and owns the file. Throws CapacityExceeded if no slot
+    /// is free. Throws CorruptStore for another kind of file, a truncated one, or another store's.
     Control(int file, std::uint64_t id, const std::string& path);
     ~Control();
     Control(const Control&) = delete;
@@ -42,49 +43,49 @@ public:
         kNo,
         kYes,
         kAfterDeath,  // the last holder died: repair, then `consistent`
-        kBroken,      // the lock is none any more: its words were damaged
+        kBroken,      // the lock is unusable: its words were damaged
     };
     [[nodiscard]] Taken try_lock() noexcept;
-    /// Waits at most so long, by `sync::steady_now`.
+    /// Waits at most this long, measured by `sync::steady_now`.
     [[nodiscard]] Taken lock(std::int64_t longest_ns) noexcept;
-    /// What the dead holder was at has been repaired.
+    /// Marks the mutex consistent after the dead holder's work was repaired.
     void consistent() noexcept;
     void unlock() noexcept;
-    /// The process that holds the lock, 0 if none does.
+    /// The process that holds the lock; 0 if it is free.
     [[nodiscard]] std::int64_t holder() const noexcept;
-    /// Whether another process than this one holds it.
+    /// Whether another process holds it.
     [[nodiscard]] bool is_held_elsewhere() const noexcept;
 
-    /// Counts of writers' deaths: repaired, and repaired before the last sweep.
+    /// Counts of writers' deaths: all repaired, and those repaired before the last sweep.
     [[nodiscard]] sync::Word& deaths() const noexcept { return word(3); }
     [[nodiscard]] sync::Word& swept_deaths() const noexcept { return word(4); }
 
     /// The word on which waits for a commit sleep: see sync::EventCount.
     [[nodiscard]] sync::Word& commit_event() const noexcept { return word(kCommitEventWord); }
-    /// How often the store was removed by a process with write permission here.
+    /// How often a process with write permission here has removed the store.
     [[nodiscard]] sync::Word& removals() const noexcept { return word(kRemovalsWord); }
 
     static constexpr unsigned kClockWords = 9;
-    /// The setting of the store's clock, and the word on which sleeps by it sleep.
+    /// The setting of the store's clock, and the word on which its sleepers sleep.
     [[nodiscard]] sync::Word* clock() const noexcept { return &word(kClockWord); }
     [[nodiscard]] sync::Word& clock_event() const noexcept { return word(kClockEventWord); }
 
     /// The words of this process's slot.
     [[nodiscard]] sync::Word* pins() const noexcept { return slot(mine_); }
-    /// Slots that were ever taken are the first so many.
+    /// Upper bound of the slots that were ever taken.
     [[nodiscard]] unsigned slots() const noexcept;
     [[nodiscard]] sync::Word* slot(unsigned index) const noexcept;
-    /// How many processes have slots: a process has one for each time that it opened the store.
+    /// Number of slots in use: a process has one for each time that it opened the store.
     [[nodiscard]] unsigned count_processes() const;
-    /// In the child of a fork, which has its parent's slot so far: takes one of its own. False:
-    /// there is none.
+    /// In a forked child, which still shares its parent's slot: takes a slot of its own. False: all
+    /// slots are in use.
     bool take_own_slot() noexcept;
-    /// Frees the slot of a process that is no more; false: it is alive.
+    /// Frees the slot of a process that has ended; false: the process is alive.
     bool free_if_dead(unsigned index) const noexcept;
 
     /// Whether a mapped file is the control file of that store.
     [[nodiscard]] static bool is_of(const Mapping& mapping, std::uint64_t id) noexcept;
-    /// Wakes the waits and the sleeps on such a file: the store was removed.
+    /// Wakes the waits and sleeps on this file after its store was removed.
     static void tell_removal(const Mapping& mapping) noexcept;
 
 private:
@@ -107,10 +108,10 @@ private:
 
     Mapping mapping_;
     int file_;                  // the mapping's: it owns the locks
-    bool is_reopened_ = false;  // or another one, after a fork
+    bool is_reopened_ = false;  // whether this is another open file, after a fork
     unsigned mine_ = 0;
-    std::uint64_t pid_ = 0;        // of this process, after so many forks: only whose turn it is
-    std::uint64_t pid_forks_ = 0;  // to lock looks at them
+    std::uint64_t pid_ = 0;        // this process's pid after `pid_forks_` forks;
+    std::uint64_t pid_forks_ = 0;  // only the thread that locks uses both
 };
 
 }  // namespace tfdb::memory

@@ -1,4 +1,4 @@
-// What the files of shared and of frozen stores have in common.
+// Common parts of the files of shared and frozen stores.
 #pragma once
 
 #include <unistd.h>
@@ -15,29 +15,30 @@
 
 namespace tfdb::memory {
 
-/// Words of the region that are the file's: see Region.
+/// Words of the region that belong to the file: see Region.
 enum FileWord : unsigned {
     kMagicWord = 0,  // written last
-    kEndWord = 1,    // the region's: where its last block ends
+    kEndWord = 1,    // the region's: end of its last block
     kIdWord = 10,    // of a shared store
     kBytesWord = 11,
     kLayoutWord = 12,
-    // Checksums of a frozen store: of its header, without this word, and of what follows.
+    // Checksums of a frozen store: of its header without this word, and of the rest.
     kHeaderSumWord = 13,
     kDataSumWord = 14,
 };
-// On a little-endian machine these are texts.
+// Read as text on a little-endian machine.
 inline constexpr std::uint64_t kSharedMagic = 0x314D485342444654;  // "TFDBSHM1"
 inline constexpr std::uint64_t kFrozenMagic = 0x315A524642444654;  // "TFDBFRZ1"
 
-/// Whatever a file says leads no further: its blocks begin inside (`Region::inside`), and the
-/// largest that a word can speak of are the frame table and directories (`most_entries`).
+/// The reach of any offset in a file, even in a damaged one: blocks begin inside
+/// (`Region::inside`), and the largest blocks that a word can describe are the frame table and
+/// directories (`most_entries`).
 inline std::size_t reach_of(std::size_t bytes) {
     constexpr std::size_t kLargestTable = std::size_t{1} << 30;
     return 3 * std::bit_ceil(bytes) + kLargestTable;
 }
 
-/// An open file, until it is handed on. Threads: one. Guarantee: none.
+/// Owns an open file until it is handed over. Threads: one. Guarantee: none.
 class File {
 public:
     explicit File(int file) : file_(file) {}
@@ -64,7 +65,7 @@ inline ErrorDetail detail_of(const std::string& path, std::string reason) {
     return detail;
 }
 
-/// A store as its users call it: the name of one that is found by name, otherwise the path.
+/// The store as users call it: its name if it is found by name, otherwise the path.
 inline std::string named(const std::string& path) {
     constexpr std::string_view kByName = "/dev/shm/tfdb.";
     if (path.compare(0, kByName.size(), kByName) != 0)

@@ -16,11 +16,11 @@ namespace tfdb::memory {
 namespace {
 
 constexpr std::size_t kHeaderWords = kFrozenHeaderBytes / 8;
-constexpr std::size_t kWordsAtOnce = std::size_t{1} << 17;  // words that are read at once
+constexpr std::size_t kWordsAtOnce = std::size_t{1} << 17;  // words read per call
 constexpr std::uint64_t kSeed = 0x54464442;
 
-/// A checksum that goes on over more words. Each step maps sums one to one, and words too: whatever
-/// one word becomes is noticed.
+/// Continues a checksum over more words. Each step is a bijection of sums and of words, so any
+/// change of a single word is detected.
 std::uint64_t sum_on(std::uint64_t sum, std::span<const std::uint64_t> words) {
     constexpr std::uint64_t kGolden = 0x9E3779B97F4A7C15ULL;
     for (const std::uint64_t word : words) {
@@ -36,7 +36,7 @@ std::uint64_t sum_of_header(std::vector<std::uint64_t> words) {
     return sum_on(kSeed, words);
 }
 
-/// Reads all of it. False: it ends before.
+/// Reads all words. False: the file ends before.
 bool read_whole(int file, std::span<std::uint64_t> words, std::size_t at) {
     auto* to = reinterpret_cast<char*>(words.data());
     std::size_t left = words.size_bytes();
@@ -53,7 +53,7 @@ bool read_whole(int file, std::span<std::uint64_t> words, std::size_t at) {
     return true;
 }
 
-/// Of all behind the header. False: the file ends before.
+/// Checksum of everything behind the header. False: the file ends before.
 bool sum_of_data(int file, std::size_t bytes, std::uint64_t& sum) {
     sum = kSeed;
     std::vector<std::uint64_t> part(kWordsAtOnce);
@@ -108,7 +108,7 @@ void check_header(int file, const std::string& path, std::size_t bytes, std::uin
 }  // namespace
 
 SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verify) {
-    // Not to wait where the name is that of a pipe.
+    // O_NONBLOCK: opening a pipe must not block.
     File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
     struct stat status {};
     if (file.get() < 0 || ::fstat(file.get(), &status) != 0)
@@ -188,11 +188,11 @@ void NewFrozenFile::publish(std::vector<std::uint64_t> front, std::size_t bytes,
         fail(EIO);
     front[kHeaderSumWord] = sum_of_header(front);
     write(0, std::span(front).first(kHeaderWords));
-    // Where it has its name already, that changes nothing.
+    // If the file already has its name, this changes nothing.
     if (::fsync(file_) != 0 || ::rename(made_.c_str(), path_.c_str()) != 0)
         fail(errno);
     published_ = true;
-    // The name as well, where the file system supports that.
+    // Syncs the name if the file system supports it.
     const std::size_t slash = path_.rfind('/');
     const std::string folder = slash == std::string::npos ? "." : path_.substr(0, slash + 1);
     if (const File opened(::open(folder.c_str(), O_RDONLY | O_CLOEXEC)); opened.get() >= 0)

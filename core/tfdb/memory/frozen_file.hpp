@@ -1,4 +1,4 @@
-// The file of a frozen store: written whole, checked, mapped by any number of processes.
+// The file of a frozen store: written completely, verified, mapped by any number of processes.
 #pragma once
 
 #include <cstddef>
@@ -12,19 +12,20 @@
 
 namespace tfdb::memory {
 
-/// So much at the front is compared with its checksum whenever the file is opened; the rest only if
-/// it is asked for, for that takes as long as to read it.
+/// Opening a file always checks this many bytes at its front against their checksum. The rest is
+/// checked on request only: that takes as long as reading it.
 inline constexpr std::size_t kFrozenHeaderBytes = 16384;
 
-/// Opens the frozen store at a path. `layout`: what the data must look like for this program.
-/// `verify`: read all of it, and compare it with its checksum.
-/// Throws NoSuchStore, CorruptStore (no frozen store, of another version or machine, cut, damaged),
-/// ReadOnly (no permission), CapacityExceeded.
+/// Opens the frozen store at a path. `layout`: the data layout that this program requires.
+/// `verify`: read all of it and check its checksum.
+/// Throws NoSuchStore, CorruptStore (no frozen store, other version or machine, truncated,
+/// damaged), ReadOnly (no permission), CapacityExceeded.
 SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verify);
 
-/// A frozen store under way. It takes its name, and the place of a file that has it, in `publish`;
-/// otherwise nothing of it remains. `in_place`: it has its name, which was free, from the start.
-/// Threads: one. Guarantee: as the file system's.
+/// A frozen store being written. `publish` gives it its name and replaces a file of that name;
+/// without `publish` nothing remains. `in_place`: it has its name, which must be free, from the
+/// start.
+/// Threads: one. Guarantee: that of the file system.
 class NewFrozenFile {
 public:
     /// Throws NoSuchStore (no such folder), StoreExists (`in_place`), ReadOnly, CapacityExceeded.
@@ -37,8 +38,8 @@ public:
 
     /// Throws CapacityExceeded: the disk is full.
     void write(Offset at, std::span<const std::uint64_t> words);
-    /// Writes what stands at the front, its file's words included, makes the file `bytes` long,
-    /// brings it to the disk, and gives it its name. Throws as `write`.
+    /// Writes the front with the file's words, sets the file's size to `bytes`, syncs it to disk,
+    /// and renames it. Throws as `write`.
     void publish(std::vector<std::uint64_t> front, std::size_t bytes, std::uint64_t layout);
 
 private:

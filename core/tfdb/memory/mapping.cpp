@@ -19,21 +19,21 @@ namespace tfdb::memory {
 namespace {
 
 constexpr std::size_t kLargestReserve = std::size_t{1} << 38;   // 256 GiB of addresses
-constexpr std::size_t kFairReserve = std::size_t{1} << 30;      // 1 GiB: also where stores are many
-constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB: if no more is to be had
-// A process has 128 TiB of addresses. Half of them go to stores that may be large; each takes no
-// more than this part of what is left of that half, so that thousands of stores find room.
+constexpr std::size_t kFairReserve = std::size_t{1} << 30;      // 1 GiB: even if stores are many
+constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB: if no more is available
+// A process has 128 TiB of addresses. Half of them are for large stores. Each store takes at most
+// this fraction of the remaining half, so that thousands of stores fit.
 constexpr std::size_t kShared = std::size_t{1} << 46;
 constexpr std::size_t kShareOfStore = 256;
 constexpr const char* kMoreAddresses =
     "raise the process's limit of addresses (ulimit -v), or close other stores";
-// Of a file: 2 MiB would take a commit 0.2 ms (measured), and an idle store would hold them.
+// For files: 2 MiB would delay a commit by 0.2 ms (measured), and an idle store would occupy them.
 constexpr std::size_t kFileStep = std::size_t{1} << 18;
 
 sync::Word g_reserved;  // by all stores of this process
 
-/// How much to ask for. Two at once may both count the same bytes as left: it is a measure, no
-/// limit.
+/// The number of bytes to reserve. Two concurrent calls may count the same bytes as free: this is
+/// an estimate, not a limit.
 std::size_t reserve_wanted() {
     const std::size_t taken = g_reserved.load_relaxed();
     const std::size_t left = taken < kShared ? kShared - taken : 0;
@@ -49,7 +49,7 @@ Mapping Mapping::reserve() {
         if (mapped == MAP_FAILED)
             continue;
         g_reserved.fetch_add(size);
-        // Whatever the system prefers: a store that is small stays so, see `back`.
+        // Overrides the system's default, so that a small store stays small: see `back`.
         ::madvise(mapped, size, MADV_NOHUGEPAGE);
         return {static_cast<std::byte*>(mapped), size, size, -1, {}};
     }

@@ -1,4 +1,4 @@
-// A stretch of addresses for a region to lie in: this process's own, or a file's that many share.
+// The address range of a region: private memory, or a file that processes share.
 #pragma once
 
 #include <cstddef>
@@ -10,17 +10,17 @@ namespace tfdb::memory {
 
 inline constexpr std::size_t kHugePage = std::size_t{1} << 21;
 
-/// Mapped addresses, and how they become memory.
+/// A mapped address range, and the calls that back it with memory.
 /// Threads: one makes and destroys it; `back` the holder of the region's lock.
-/// Guarantee: what was backed can be written without fail.
+/// Guarantee: writes to backed addresses cannot fail.
 class Mapping {
 public:
-    /// Addresses of this process alone, which become memory when they are first touched, in small
-    /// pages where they are not backed. Throws CapacityExceeded if none are to be had.
+    /// Private addresses, which get memory when they are first touched, in small pages unless they
+    /// are backed. Throws CapacityExceeded if the system has none left.
     static Mapping reserve();
-    /// The whole of an open file, which it closes in the end. Throws CapacityExceeded. `reach`:
-    /// behind it, up to so many bytes in all, is memory of this process, zeros at first, where
-    /// what a damaged file says does no harm.
+    /// The whole of an open file; the mapping owns and closes the file. Throws CapacityExceeded.
+    /// `reach`: total size including private memory behind the file, initially zero, where offsets
+    /// from a damaged file do no harm.
     static Mapping of_file(int file, std::size_t bytes, bool writable, std::string name,
                            std::size_t reach = 0);
 
@@ -34,14 +34,14 @@ public:
     [[nodiscard]] std::size_t bytes() const noexcept { return bytes_; }
     [[nodiscard]] bool is_file() const noexcept { return file_ >= 0; }
 
-    /// How much is backed at a time.
+    /// The number of bytes that are backed at a time.
     [[nodiscard]] std::size_t step() const noexcept;
-    /// Readies addresses for use: huge pages where they are private, and where they are a file's
-    /// the blocks for them, for a write into a full file system cannot fail, only end the process.
-    /// Throws CapacityExceeded; nothing is changed then.
+    /// Backs addresses with memory: huge pages if they are private, disk blocks if they are a
+    /// file's. A write into a full file system cannot return an error; it kills the process. Throws
+    /// CapacityExceeded and then changes nothing.
     void back(Offset from, Offset to) const;
-    /// Gives their memory to the system; they read as zeros, and a file's must be backed before
-    /// they are written to. False: the system does not take it.
+    /// Returns memory to the system. The addresses then read as zeros; a file's must be backed
+    /// before the next write. False: the system does not support it.
     [[nodiscard]] bool give_back(Offset from, Offset to) const noexcept;
 
 private:

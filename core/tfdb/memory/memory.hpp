@@ -1,4 +1,4 @@
-// What the engine asks of the memory that it lives in.
+// The engine's requirements on the memory that holds it.
 #pragma once
 
 #include <concepts>
@@ -9,21 +9,21 @@
 
 namespace tfdb::memory {
 
-/// What a retired block waits for.
+/// The condition under which a retired block is freed.
 enum class Line : unsigned {
-    kReplaced,  // no state shows it: for reads that began before an epoch
-    kEnded,     // states before a commit show it, and may be held
+    kReplaced,  // no state shows it: freed once reads that began before an epoch have ended
+    kEnded,     // states before a commit show it, and snapshots may hold them
 };
 inline constexpr unsigned kLines = 2;
 
-/// A region of shared words addressed by byte offsets. In production it is mapped memory; under the
-/// interleaving walker and under Relacy its words are the checker's, so the very same protocol code
-/// is checked. `kPayloadWords` is 7 for poses and smaller in walks.
+/// A region of shared words addressed by byte offsets. In production it is mapped memory. Under the
+/// interleaving walker and under Relacy its words are the checker's, so the checkers run the very
+/// same protocol code. `kPayloadWords` is 7 for poses and smaller in walks.
 ///
-/// A block that readers may still look at is not released but retired, and waits in one of two
-/// lines, with the number of the epoch or commit from which it is unused, until `reclaim`.
-/// A reader of such a block finds by `reclaimed`, the greatest number that has gone, that it may
-/// have read other content.
+/// A block that readers may still access is retired instead of released. It waits in one of two
+/// lines until `reclaim`, with the number of the epoch or commit from which it is unused.
+/// `reclaimed` is the greatest number that has been freed: a reader of such a block learns from it
+/// that it may have read other content.
 template <class M>
 concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     typename M::Word;
@@ -40,8 +40,8 @@ concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     M::fence_full();
 };
 
-/// Memory whose lines may be asked for before they are needed. A checker's cannot: it has no cache,
-/// and one step more for each line.
+/// Memory that can prefetch cache lines. A checker's memory cannot: it has no cache, and each
+/// prefetch would be one more step.
 template <class M>
 concept Fetchable = Memory<M> && requires(const M cm, Offset offset) {
     cm.fetch(offset);
@@ -49,15 +49,15 @@ concept Fetchable = Memory<M> && requires(const M cm, Offset offset) {
 
 inline constexpr std::size_t kLineBytes = 64;
 
-/// The block that a word of the memory leads to, flags in its low bits aside; where the memory may
-/// be damaged, it is brought inside.
+/// The block that a word of the memory points to, without the flags in its low bits. If the memory
+/// may be damaged, the offset is forced inside.
 template <class M>
 [[nodiscard]] constexpr Offset inside(const M& memory, Offset offset) {
     if constexpr (requires { memory.inside(offset); })
         return memory.inside(offset);
     return offset & ~Offset{kLineBytes - 1};
 }
-/// The most entries that a list may have, whatever a damaged word says: so many find no room.
+/// The upper bound on a list's entries, even if a damaged word claims more: no more fit.
 template <class M>
 [[nodiscard]] constexpr std::uint64_t most_entries(const M& memory, std::uint64_t entries) {
     if constexpr (requires { memory.capacity(); })

@@ -19,8 +19,9 @@ constexpr Offset kLockWord = 32;
 constexpr Offset kBackedWord = 40;
 constexpr Offset kSparseWord = 48;  // the last sparse block
 constexpr Offset kSparseEndWord = 56;
-constexpr Offset kCutWord = 120;  // what a free block that is cut up has left; its first word: end
-// Of each line of retired blocks.
+// remaining part of the free block that is being cut; its first word: end
+constexpr Offset kCutWord = 120;
+// For each line of retired blocks.
 constexpr Offset kLineWords = 2 * kLineBytes;
 constexpr Offset kFirstRetired = 0;
 constexpr Offset kLastRetired = 8;
@@ -32,7 +33,7 @@ constexpr unsigned kMostReclaimed = 64;                          // by one call
 constexpr Offset kNext = 40;
 constexpr Offset kBytes = 48;
 constexpr Offset kNumber = 56;
-// Of a file: a bit for each granule, set where it may have no memory.
+// For a file: one bit per granule, set if the granule may have no memory.
 constexpr Offset kGivenBack = kHeads + 8 * kSizeClasses;
 constexpr std::size_t kMostGranules = 4096;
 constexpr Offset kFirstBlock = round_up(kGivenBack + kMostGranules / 8, kLineBytes);
@@ -43,8 +44,8 @@ constexpr std::size_t kSkewBytes = 3 * kLineBytes;
 
 }  // namespace
 
-/// In a file the holder of the commit lock is alone here: it notes that it is at work, so that a
-/// damaged word stops no process. In private memory the word is a lock.
+/// In a file the commit lock already excludes other threads. There this word only marks work in
+/// progress, so that a damaged word blocks no process. In private memory the word is a lock.
 /// Threads: one. Guarantee: in a file wait-free; else it blocks.
 class Region::AtWork {
 public:
@@ -97,7 +98,7 @@ bool Region::is_new() const noexcept {
     return end() <= kFirstBlock && word(kFileWord).load_relaxed() == 0;
 }
 
-/// Whether it can be an allocated block: a damaged file may hold any number.
+/// Whether an allocated block can lie here: a damaged file may hold any number.
 bool Region::is_block(Offset offset, std::size_t bytes) const noexcept {
     const Offset end = this->end();
     return offset % kLineBytes == 0 && offset >= kFirstBlock && offset < end &&
@@ -134,7 +135,7 @@ void Region::back(Offset end) {
     if (end <= backed)
         return;
     const Offset to = std::min(round_up(end, mapping_.step()), reserved_);
-    // A private region takes huge pages once its blocks fill one: most stores are smaller.
+    // A private region uses huge pages once its blocks fill one: most stores are smaller.
     const Offset first = std::max<Offset>(word(kSparseEndWord).load_relaxed(), mapping_.step());
     if (mapping_.is_file())
         mapping_.back(backed, to);
@@ -143,7 +144,7 @@ void Region::back(Offset end) {
     word(kBackedWord).store_relaxed(to);
 }
 
-/// Adds to a counter that others only read meanwhile; `bytes` may be a negative number's.
+/// Adds to a counter that other threads may read; `bytes` may be a negated number.
 void Region::count(Word& counter, std::size_t bytes) {
     counter.store_relaxed(counter.load_relaxed() + bytes);
 }
@@ -162,7 +163,7 @@ Offset Region::reuse_or_bump(const BlockClass& fit) {
     return waiting;
 }
 
-/// A larger block is cut up where much waits to be used, or nothing is left behind the last one.
+/// Cuts up a larger block if many bytes are free, or if no space is left behind the last block.
 Offset Region::cut_or_bump(const BlockClass& fit) {
     const bool full = reserved_ - end() < fit.bytes + kSkewBytes;
     if ((full || free_bytes() > used_bytes() / 4) && has_to_cut(fit))
@@ -170,7 +171,7 @@ Offset Region::cut_or_bump(const BlockClass& fit) {
     return bump(fit.bytes);
 }
 
-/// What is being cut up; empty where nothing is, or damaged.
+/// The block that is being cut up; empty if there is none or if the words are damaged.
 Region::Gap Region::to_cut() const noexcept {
     const Offset at = word(kCutWord).load_relaxed();
     if (at == 0 || !is_block(at, kLineBytes))
@@ -179,8 +180,8 @@ Region::Gap Region::to_cut() const noexcept {
     return end > at && is_block(at, end - at) ? Gap{at, end} : Gap{};
 }
 
-/// Whether what is being cut up has room for such a block; takes another one where it has not. Who
-/// dies here loses it until the next sweep.
+/// Whether the block that is being cut has room for such a block; if not, takes another one. If the
+/// process dies here, the block is lost until the next sweep.
 bool Region::has_to_cut(const BlockClass& fit) {
     const Gap left = to_cut();
     if (left.to - left.from >= fit.bytes)
@@ -228,8 +229,8 @@ Offset Region::allocate(std::size_t bytes) {
     }
     const Offset block = reuse_or_bump(fit);
     count(word(kUsedWord), fit.bytes);
-    // A late reader of the block's former content must see, after its acquire fence, what was
-    // published when the block was released.
+    // After its acquire fence, a late reader of the block's former content must see the data that
+    // were published when the block was released.
     fence_release();
     return block;
 }
@@ -261,7 +262,7 @@ sync::Word& Region::given_back(Offset granule) const noexcept {
     return word(kGivenBack + granule / 64 * 8);
 }
 
-/// Makes memory of what was given back. Throws CapacityExceeded.
+/// Backs granules whose memory was returned. Throws CapacityExceeded.
 void Region::regain(Offset from, Offset to) {
     if (!mapping_.is_file())
         return;
@@ -284,7 +285,7 @@ bool Region::can_regain_line(Offset block) noexcept {
     }
 }
 
-/// Notes first what it gives back: a death in between leaves a bit that costs the next user a call.
+/// Marks the granule before it returns the memory: a death in between costs the next user one call.
 bool Region::give_back_granule(Offset from) {
     if (mapping_.is_file()) {
         Word& bits = given_back(from / granule_);
@@ -302,9 +303,9 @@ void Region::give_back() {
     for (unsigned i = block_class(granule_).index; i < kSizeClasses; ++i) {
         const std::size_t bytes = class_bytes(i);
         Offset block = word(kHeads + 8 * Offset{i}).load_relaxed();
-        // More than there is room for: they run in a circle, for they were damaged.
+        // More bytes than the region holds: the damaged list is circular.
         for (std::size_t seen = 0; seen < reserved_ && is_block(block, bytes); seen += bytes) {
-            // All but what holds the list's word.
+            // All except the line of the list's word.
             Offset from = round_up(block + kLineBytes, granule_);
             for (; from + granule_ <= block + bytes; from += granule_) {
                 if (!give_back_granule(from))
@@ -315,8 +316,8 @@ void Region::give_back() {
     }
 }
 
-/// Into the free list. Where no memory is to be had for the list's word, the block is lost until
-/// the next sweep.
+/// Puts a block into the free list. If the list's word gets no memory, the block is lost until the
+/// next sweep.
 void Region::put_back(Offset block, const BlockClass& fit) {
     if (!is_block(block, fit.bytes) || !can_regain_line(block))
         return;
@@ -332,7 +333,7 @@ void Region::take_back(Offset block, std::size_t bytes) {
     count(word(kUsedWord), std::size_t{0} - fit.bytes);
 }
 
-/// In blocks as large as they come, one after another.
+/// Frees the range as consecutive blocks of the largest sizes that fit.
 void Region::put_back_gap(Offset from, Offset to) {
     while (from < to && to - from >= kLineBytes) {
         const std::size_t bytes = whole_block_lines((to - from) / kLineBytes) * kLineBytes;
@@ -371,7 +372,7 @@ bool Region::reclaim(Line line, std::uint64_t oldest, std::size_t keep) {
         const std::size_t bytes = word(block + kBytes).load_relaxed();
         const Offset next = word(block + kNext).load_relaxed();
         if (!is_block(block, bytes)) {
-            // Damaged: what follows stays unused.
+            // Damaged: the remaining blocks stay unused.
             for (const Offset lost : {kFirstRetired, kLastRetired, kRetiredBytes})
                 line_word(line, lost).store_relaxed(0);
             return false;
@@ -383,7 +384,7 @@ bool Region::reclaim(Line line, std::uint64_t oldest, std::size_t keep) {
         count(line_word(line, kRetiredBytes), std::size_t{0} - freed);
         if (reclaimed(line).load_relaxed() < number) {
             reclaimed(line).store_relaxed(number);
-            // Readers must see this before what is written into the block from now on.
+            // Readers must see this before any later write to the block.
             fence_release();
         }
         take_back(block, bytes);
@@ -399,7 +400,7 @@ bool Region::repair() {
         Offset last = 0;
         std::size_t bytes = 0;
         Offset block = line_word(line, kFirstRetired).load_relaxed();
-        // More than there is room for: they run in a circle, for they were damaged.
+        // More bytes than the region holds: the damaged list is circular.
         while (bytes < reserved_ && is_block(block, word(inside(block) + kBytes).load_relaxed())) {
             last = block;
             bytes += block_class(word(block + kBytes).load_relaxed()).bytes;
@@ -426,7 +427,7 @@ void Region::sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t
         word(kHeads + 8 * Offset{i}).store_relaxed(0);
     word(kCutWord).store_relaxed(0);
     word(kFreeWord).store_relaxed(0);
-    // Readers must see the numbers before what is written into the blocks from now on.
+    // Readers must see the numbers before any later write to the blocks.
     fence_release();
     std::erase_if(in_use,
                   [this](const Block& block) { return !is_block(block.offset, block.bytes); });

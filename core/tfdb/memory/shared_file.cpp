@@ -48,7 +48,7 @@ constexpr int kOpened = O_CLOEXEC | O_NONBLOCK;
                            detail_of(path, reason));
 }
 
-// Behind the name of the control file.
+// Suffix of the control file's name.
 constexpr const char* kUnpublished = ".new";
 constexpr const char* kRemoved = ".old";
 
@@ -60,17 +60,18 @@ std::string control_name(const std::string& path, std::uint64_t id) {
 
 std::uint64_t random_id() {
     std::uint64_t id = 0;
-    while (::syscall(SYS_getrandom, &id, sizeof id, 0) != sizeof id) {  // glibc has it from 2.25 on
+    // glibc provides getrandom from 2.25 on
+    while (::syscall(SYS_getrandom, &id, sizeof id, 0) != sizeof id) {
     }
     return id;
 }
 
 struct Header {
     std::array<std::uint64_t, kLayoutWord + 1> words{};
-    std::size_t bytes = 0;  // of the file
+    std::size_t bytes = 0;  // size of the file
 };
 
-/// Says whether it is a store's file at all.
+/// Reads the header; finds out whether the file is a store's at all.
 Header header_of(int file, const std::string& path) {
     Header header;
     struct stat status {};
@@ -87,8 +88,8 @@ Header header_of(int file, const std::string& path) {
     return header;
 }
 
-/// Locks a control file as its maker does, as long as the file is open. False: another process has
-/// it.
+/// Locks a control file as its creator does, for as long as the file is open. False: another
+/// process holds the lock.
 bool lock_as_maker(int control) {
     struct flock lock {};
     lock.l_type = F_WRLCK;
@@ -98,7 +99,7 @@ bool lock_as_maker(int control) {
     return ::fcntl(control, F_OFD_SETLK, &lock) == 0;
 }
 
-/// Of the store that has this name; 0 without one.
+/// Id of the store with this name; 0 if it is missing.
 std::uint64_t id_at(const std::string& path) {
     const File file(::open(path.c_str(), O_RDONLY | kOpened));
     std::array<std::uint64_t, kIdWord + 1> words{};
@@ -107,7 +108,7 @@ std::uint64_t id_at(const std::string& path) {
     return words[kIdWord];
 }
 
-/// What follows `.control-` in the name of a control file; 0: it is none.
+/// The id after `.control-` in a control file's name; 0: not a control file.
 std::uint64_t id_in(std::string_view digits) {
     std::uint64_t id = 0;
     const char* const end = digits.data() + digits.size();
@@ -115,7 +116,7 @@ std::uint64_t id_in(std::string_view digits) {
     return digits.size() == 16 && error == std::errc{} && last == end ? id : 0;
 }
 
-/// The files of makers of this store that were killed before they published it.
+/// Removes files whose creator was killed before it published this store.
 void remove_left_over(const std::string& path) {
     const std::size_t slash = path.rfind('/');
     const std::string folder = slash == std::string::npos ? "." : path.substr(0, slash + 1);
@@ -131,7 +132,8 @@ void remove_left_over(const std::string& path) {
             continue;
         const std::string control = control_name(path, id);
         const File file(::open(control.c_str(), O_RDWR | kOpened));
-        // Its maker is gone, so it does not change: only then is it known whether it was published.
+        // Its creator has ended, so the file is stable: only now is it certain whether it was
+        // published.
         if (file.get() < 0 || !lock_as_maker(file.get()))
             continue;
         ::unlink((control + kUnpublished).c_str());
@@ -146,7 +148,7 @@ bool is_link(const std::string& path) {
     return ::lstat(path.c_str(), &status) == 0 && S_ISLNK(status.st_mode);
 }
 
-/// Whether it still has a name.
+/// Whether the file still has a name.
 bool is_linked(int file) {
     struct stat status {};
     return ::fstat(file, &status) == 0 && status.st_nlink > 0;
@@ -155,7 +157,7 @@ bool is_linked(int file) {
 }  // namespace
 
 SharedFile open_shared(const std::string& given, bool writable, std::uint64_t layout) {
-    // Beside the file itself lies the other one, whichever links led to it.
+    // The control file lies beside the data file itself, even if the path leads through links.
     const std::unique_ptr<char, void (*)(void*)> real(::realpath(given.c_str(), nullptr), ::free);
     const std::string path = real == nullptr ? given : real.get();
     File file(::open(path.c_str(), (writable ? O_RDWR : O_RDONLY) | kOpened));
@@ -237,7 +239,7 @@ NewSharedFile::NewSharedFile(std::string path, std::size_t bytes, unsigned mode,
     }
 }
 
-/// The control file. False: before it was locked, another process removed it as a leftover.
+/// Creates the control file. False: another process removed it as a leftover before it was locked.
 bool NewSharedFile::begin() {
     id_ = random_id();
     control_ = control_name(path_, id_);
@@ -292,8 +294,8 @@ void unlink_shared(const std::string& path) {
     if (file.get() < 0)
         throw_for(errno, path);
     std::uint64_t id = id_of(file.get());
-    // Another process may remove it now, and make a new one: the file that loses its name is
-    // checked.
+    // Another process may now remove the store and create a new one, so the file that loses its
+    // name is verified.
     const std::string taken = control_name(path, id) + kRemoved;
     if (::rename(path.c_str(), taken.c_str()) != 0)
         throw_for(errno, path);
@@ -301,7 +303,7 @@ void unlink_shared(const std::string& path) {
     if (found.get() >= 0)
         id = id_of(found.get());
     const std::string control = control_name(path, id);
-    // Without write permission the store is removed all the same, but no wait is woken.
+    // Without write permission the store is still removed, but waits are not woken.
     std::optional<Mapping> told;
     struct stat status {};
     File opened(::open(control.c_str(), O_RDWR | kOpened));

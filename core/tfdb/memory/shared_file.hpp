@@ -1,4 +1,4 @@
-// The files of a store that processes share: made whole, found by name, refused when they are not.
+// The files of a store shared by processes: created completely, found by name, verified on opening.
 #pragma once
 
 #include <cstdint>
@@ -10,30 +10,33 @@
 
 namespace tfdb::memory {
 
-/// An open store that lies in a file: its data, and the control file beside it.
+/// An open store in a file: its data, and the control file beside it.
 /// Threads: a value. Guarantee: none.
 struct SharedFile {
     static constexpr std::int64_t kLockTimeoutNs = 10'000'000'000;
 
     Mapping data;
-    std::unique_ptr<Control> control;  // null: frozen, or this process may not write even there
+    // null: frozen, or this process may not write even to the control file
+    std::unique_ptr<Control> control;
     std::string path;
     bool writable = false;
-    bool frozen = false;                            // it has no writers: see frozen_file.hpp
-    std::int64_t lock_timeout_ns = kLockTimeoutNs;  // how long writers here wait for others
+    bool frozen = false;  // read-only for all processes: see frozen_file.hpp
+    // how long this process's writers wait for other processes
+    std::int64_t lock_timeout_ns = kLockTimeoutNs;
 };
 
-/// Opens the store at a path. `layout`: what the data must look like for this program.
+/// Opens the store at a path. `layout`: the data layout that this program requires.
 /// Throws NoSuchStore, CorruptStore (no store, or of another version or machine), ReadOnly (no
 /// permission), CapacityExceeded.
 SharedFile open_shared(const std::string& given, bool writable, std::uint64_t layout);
 
-/// A new store under way. Others find it from `publish` on, whole or not at all. Otherwise nothing
-/// of it remains; if its maker was killed, the next process that makes it removes the rest.
-/// Threads: one. Guarantee: as the file system's.
+/// A store being created. Others find it after `publish`, complete or not at all. Without `publish`
+/// nothing remains; if its creator is killed, the next process that creates it removes the
+/// leftovers.
+/// Threads: one. Guarantee: that of the file system.
 class NewSharedFile {
 public:
-    /// `mode`: permissions of both files; `group`: of their group, or -1 for that of the process.
+    /// `mode`: permissions of both files; `group`: their group, or -1 for the process's group.
     /// Throws StoreExists, NoSuchStore (no such folder), ReadOnly, CapacityExceeded.
     NewSharedFile(std::string path, std::size_t bytes, unsigned mode, std::int64_t group);
     ~NewSharedFile();
@@ -42,7 +45,7 @@ public:
     NewSharedFile(NewSharedFile&&) = delete;
     NewSharedFile& operator=(NewSharedFile&&) = delete;
 
-    /// The data, to be filled; once.
+    /// The mapping of the data, for filling; call once.
     [[nodiscard]] Mapping map() const;
     void publish(std::uint64_t layout);
 
@@ -57,12 +60,12 @@ private:
     std::size_t bytes_;
     unsigned mode_;
     std::int64_t group_;
-    int made_ = -1;  // the control file, locked: its maker is at work
+    int made_ = -1;  // the control file, locked while its creator works
     bool published_ = false;
 };
 
-/// Removes a store's files; processes that have it open go on. Throws NoSuchStore, CorruptStore (it
-/// is none), ReadOnly.
+/// Removes a store's files; processes that have it open keep working. Throws NoSuchStore,
+/// CorruptStore (not a store), ReadOnly.
 void unlink_shared(const std::string& path);
 
 }  // namespace tfdb::memory
