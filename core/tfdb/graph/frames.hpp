@@ -1,4 +1,4 @@
-// The frame table: one header per frame, born and removed by commits, slots reused after that.
+// The frame table: one header per frame. Commits create and remove frames, and slots are reused.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace tfdb::graph {
 
-/// The place of the headers, and which frame lives in which commits.
+/// The headers' location, and the commits in which each frame exists.
 /// Threads: reads any; stores only the holder of the commit lock.
 /// Guarantee: reads are wait-free.
 template <class Memory>
@@ -19,7 +19,7 @@ public:
     Frames(Memory& memory, Offset root, Offset base, std::uint32_t max_frames)
         : memory_(&memory), root_(root), base_(base), max_frames_(max_frames) {}
 
-    /// What the table takes: the headers, and behind them the hints.
+    /// Size of the table: the headers, followed by the hints.
     [[nodiscard]] static constexpr std::size_t bytes(std::uint32_t max_frames) {
         return std::size_t{max_frames} * (history::kHeaderBytes + 8);
     }
@@ -34,7 +34,7 @@ public:
     [[nodiscard]] typename Memory::Word& store_word(StoreWord w) const {
         return memory_->word(root_ + 8 * w);
     }
-    /// One of this process's pin words: see Pins.
+    /// A pin word of this process: see Pins.
     [[nodiscard]] typename Memory::Word& pin_word(StoreWord first, unsigned w) const {
         if constexpr (requires { memory_->pins(); }) {
             if (typename Memory::Word* const pins = memory_->pins(); pins != nullptr)
@@ -45,8 +45,8 @@ public:
     [[nodiscard]] std::uint64_t topology(FrameId id) const {
         return word(id, history::kTopology).load_acquire();
     }
-    /// A frame's topology as it was when its parent last changed: eight frames in a line, and no
-    /// line that every write changes. For guesses only, such as what to fetch.
+    /// A frame's topology when its parent last changed. Eight frames share a line, which a plain
+    /// write does not change. Use it only as a guess, such as for prefetching.
     [[nodiscard]] std::uint64_t hint(FrameId id) const requires memory::Fetchable<Memory> {
         return hint_word(id).load_relaxed();
     }
@@ -61,14 +61,14 @@ public:
     [[nodiscard]] CommitNumber born(FrameId id) const {
         return word(id, history::kBorn).load_acquire() >> kFrameBits;
     }
-    /// True if the frame exists in that state.
+    /// Whether the frame exists in that state.
     [[nodiscard]] bool alive(FrameId id, CommitNumber snapshot) const {
         if ((topology(id) & history::Topology::kMortal) != 0) {
             const CommitNumber died = word(id, history::kDied).load_acquire();
             if (died != 0 && snapshot >= died)
                 return false;
         }
-        // Last: a slot that is reused amid this is sealed before the rest of it is written.
+        // Last: a slot that is reused meanwhile is sealed before the rest of it is written.
         return born(id) <= snapshot;
     }
     [[nodiscard]] std::uint32_t count() const {
@@ -77,12 +77,12 @@ public:
     }
     [[nodiscard]] std::uint32_t max_frames() const { return max_frames_; }
 
-    /// A fresh slot, or kNoFrame if all are taken. May throw CapacityExceeded.
+    /// An unused slot, or kNoFrame if all are taken. May throw CapacityExceeded.
     [[nodiscard]] FrameId take_fresh_slot() const {
         const std::uint32_t count = this->count();
         if (count >= max_frames_)
             return kNoFrame;
-        // Where pages must be had before they are written to.
+        // For memory whose pages must be backed before a write.
         if constexpr (requires { memory_->touch(Offset{}, std::size_t{}, true); }) {
             memory_->touch(header(count), history::kHeaderBytes, count == 0);
             memory_->touch(header(max_frames_) + 8 * Offset{count}, 8, count == 0);
@@ -90,15 +90,15 @@ public:
         return count;
     }
 
-    /// The slot's former frame is no more, in any state: readers in its midst find out by `born`.
+    /// Ends the slot's former frame in every state; concurrent readers detect it by `born`.
     void seal(FrameId id) const {
-        // The last one stays, so that its slot stays out of use.
+        // The last generation is kept, so that its slot stays unused.
         const std::uint64_t generation = std::min(this->generation(id) + 1, kLastGeneration);
         word(id, history::kBorn).store_release(kMaxCommit << kFrameBits | generation);
         Memory::fence_release();
     }
 
-    /// Makes a sealed or fresh slot a frame without samples, born with the commit in progress.
+    /// Turns a sealed or fresh slot into a frame without samples, born with the current commit.
     void make(FrameId id, CommitNumber commit, Offset name_block) const {
         for (unsigned w = 0; w < history::kHeaderWords; ++w) {
             if (w != history::kBorn)
@@ -113,17 +113,17 @@ public:
             store_word(kFrameCount).store_release(std::uint64_t{id} + 1);
     }
 
-    /// The frame was removed by a commit that is taken back.
+    /// Undoes the removal of the frame, when its commit is rolled back.
     void revive(FrameId id) const {
         word(id, history::kDied).store_relaxed(0);
         auto& topology = word(id, history::kTopology);
         topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
     }
 
-    /// Slots wait for reuse in the order in which their frames were removed; the first ones may be
-    /// empty already. The first of all, or kNoFrame.
+    /// Slots wait for reuse in the order in which their frames were removed; the first ones may
+    /// already be empty. Returns the first of all, or kNoFrame.
     [[nodiscard]] FrameId first_retired() const { return id_in(kFreeHead); }
-    /// The first one whose frame still has its name and its samples, or kNoFrame.
+    /// The first slot whose frame still has its name and samples, or kNoFrame.
     [[nodiscard]] FrameId first_full() const { return id_in(kFreeFull); }
     void pop_retired() const {
         const FrameId id = first_retired();
@@ -134,7 +134,7 @@ public:
         if (next == 0)
             store_word(kFreeTail).store_relaxed(0);
     }
-    /// The first full one has been emptied.
+    /// Moves past the first full slot, which is now empty.
     void pass_full() const {
         store_word(kFreeFull).store_relaxed(word(first_full(), history::kNextFree).load_relaxed());
     }
@@ -151,7 +151,7 @@ public:
         if (first_full() == kNoFrame)
             store_word(kFreeFull).store_relaxed(link);
     }
-    /// After a death, before all others are listed: an empty slot.
+    /// Adds an empty slot after a death, before the full ones are listed.
     void push_empty(FrameId id) const {
         push_retired(id);
         store_word(kFreeFull).store_relaxed(0);

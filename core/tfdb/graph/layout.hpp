@@ -14,41 +14,41 @@ namespace tfdb::graph {
 enum StoreWord : unsigned {
     kCommit = 0,       // newest published commit: the one linearization point
     kEpoch = 1,        // see history::AsOf
-    kHeldPins = 8,     // held states: see Pins
+    kHeldPins = 8,     // pins of held states: see Pins
     kCommitLock = 16,  // see sync::CommitLock
-    kFrameCount = 24,  // slots of the frame table ever used
-    kFreeHead = 25,    // id + 1 of the frame that was removed first and waits for reuse
+    kFrameCount = 24,  // frame table slots that were ever used
+    kFreeHead = 25,    // id + 1 of the frame that was removed first and whose slot waits for reuse
     kFreeTail = 26,
-    kNames = 27,         // where the name table is: see TableWord
-    kNamesFilled = 28,   // its entries in use, dead ones included
-    kRecycleFloor = 29,  // older snapshots may miss frames whose slots were reused
+    kNames = 27,         // block of the name table: see TableWord
+    kNamesFilled = 28,   // used entries of the name table, including dead ones
+    kRecycleFloor = 29,  // older snapshots may lack frames whose slots were reused
     kNormalised = 30,
-    kFreeFull = 31,    // id + 1 of the first removed frame that still has its name and its samples
-    kReadPins = 32,    // reads under way that were overtaken before: see Pins
-    kHeldBytes = 40,   // that held states alone still show
-    kGivenUp = 41,     // older states were given up, for they kept too much
-    kFeed = 42,        // where the change feed is, 0 if none is kept: see txn::Feed
-    kFeedFloor = 43,   // the oldest commit that is whole in it
-    kFeedLimit = 44,   // up to this position its ring has room
-    kLifeNumber = 45,  // of the store's epoch, in which its commits are numbered: see wire::Epoch
+    kFreeFull = 31,    // id + 1 of the first removed frame that still has its name and samples
+    kReadPins = 32,    // pins of repeated reads, which a writer overtook before: see Pins
+    kHeldBytes = 40,   // bytes that only held states still show
+    kGivenUp = 41,     // older held states were dropped because they kept too much memory
+    kFeed = 42,        // block of the change feed, 0 if the store keeps none: see txn::Feed
+    kFeedFloor = 43,   // the oldest commit that the feed holds completely
+    kFeedLimit = 44,   // the position up to which its ring has space
+    kLifeNumber = 45,  // of the store's epoch, which numbers its commits: see wire::Epoch
     kLifeHigh = 46,
     kLifeLow = 47,
-    // What a store was made with.
+    // Options of the store.
     kFrameTable = 48,
     kMaxFrameCount = 49,
     kHistory = 50,
     kSnapshotMemory = 51,
-    kAuthorities = 52,  // the newest of a list of names: see store::Authorities
-    kPositions = 53,    // the newest of a list: see store::Positions
-    kOrigin = 55,  // of a frozen store: a text on what it was made from, or 0: see store::freeze
+    kAuthorities = 52,  // newest entry of a list of names: see store::Authorities
+    kPositions = 53,    // newest entry of a list: see store::Positions
+    kOrigin = 55,       // of a frozen store: a text about its source, or 0: see store::freeze
     kStoreWords = 56,
 };
 
-/// Words of one set of pins, with those that keep two sets in different cache lines.
+/// Words of one set of pins, including padding that puts two sets into different cache lines.
 inline constexpr unsigned kPinWords = 8;
 
-/// The word that leads to the name table. The version makes a block that was freed and used
-/// again a different word.
+/// The word that points to the name table. Its version distinguishes a block that was freed and
+/// reused.
 struct TableWord {
     static constexpr unsigned kVersionBits = 24;
     static constexpr unsigned kLog2Bits = 6;
@@ -65,7 +65,7 @@ struct TableWord {
     static constexpr unsigned log2_capacity(std::uint64_t word) {
         return static_cast<unsigned>(word >> kVersionBits) & ((1U << kLog2Bits) - 1);
     }
-    /// No table has more entries, whatever a damaged word says.
+    /// Upper bound of a table's entries, even if a damaged word claims more.
     static constexpr unsigned kMostLog2 = kFrameBits + 6;
     static constexpr std::uint64_t capacity(std::uint64_t word) {
         return std::uint64_t{1} << std::min(log2_capacity(word), kMostLog2);

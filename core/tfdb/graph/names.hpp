@@ -15,8 +15,8 @@ namespace tfdb::graph {
 
 static_assert(std::endian::native == std::endian::little, "names are compared as words");
 
-/// The (up to eight) bytes at `at`, the first one lowest, zeros behind the end. No call to memcpy
-/// with a length that the compiler does not know: that would cost more than all the rest.
+/// The (up to eight) bytes at `at`, the first one lowest, zeros behind the end. It avoids a memcpy
+/// of a length unknown to the compiler: that would cost more than everything else.
 inline std::uint64_t name_word(std::string_view name, std::size_t at) {
     const char* bytes = name.data() + at;
     const std::size_t left = name.size() - at;
@@ -25,7 +25,7 @@ inline std::uint64_t name_word(std::string_view name, std::size_t at) {
         std::memcpy(&word, bytes, 8);
     } else if (left >= 4) {
         std::uint32_t low = 0;
-        std::uint32_t high = 0;  // overlaps `low` where fewer than eight are left
+        std::uint32_t high = 0;  // overlaps `low` if fewer than eight bytes are left
         std::memcpy(&low, bytes, 4);
         std::memcpy(&high, bytes + left - 4, 4);
         word = low | std::uint64_t{high} << 8 * (left - 4);
@@ -37,7 +37,7 @@ inline std::uint64_t name_word(std::string_view name, std::size_t at) {
     return word;
 }
 
-/// A text as it lies in the region: whole words, filled up with zeros.
+/// Stores a text in the region: whole words, padded with zeros.
 template <class Memory>
 void store_text(Memory& memory, Offset to, std::string_view text) {
     for (std::size_t at = 0; at < text.size(); at += 8)
@@ -54,9 +54,9 @@ template <class Memory>
     return text;
 }
 
-/// Multiply and fold, a word at a time; the constant is the golden ratio's. A product's low bits
-/// know nothing of its factor's high ones, and tables are entered by the low bits, which the folds
-/// mix. `word_at(i)`: the bytes from the i-th on, as `name_word` gives them.
+/// Multiply and fold, one word at a time; the constant is the golden ratio's. The low bits of a
+/// product do not depend on the factor's high bits, and table lookups use the low bits, so the
+/// folds mix them. `word_at(i)`: the bytes from the i-th on, as `name_word` returns them.
 template <class WordAt>
 std::uint64_t hash_words(std::size_t size, WordAt word_at) {
     constexpr std::uint64_t kGolden = 0x9E3779B97F4A7C15ULL;
@@ -73,16 +73,16 @@ inline std::uint64_t hash_name(std::string_view name) {
     return hash_words(name.size(), [&](std::size_t at) { return name_word(name, at); });
 }
 
-/// An open-addressed table of (hash, id). A name that was removed and made again has two entries
-/// until the old slot is reused; the snapshot decides which one is meant.
+/// An open-addressed table of (hash, id). A name that was removed and created again has two entries
+/// until the old slot is reused; the snapshot selects one of them.
 /// Threads: find any; insert and erase only the holder of the commit lock.
-/// Guarantee: `find` never waits; it repeats only when the table grew meanwhile.
+/// Guarantee: `find` never waits; it repeats only if the table grew meanwhile.
 template <class Memory>
 class Names {
 public:
     explicit Names(Frames<Memory> frames) : frames_(frames), memory_(&frames.memory()) {}
 
-    /// The frame of that name which exists in `snapshot`, or kNoFrame.
+    /// The frame of that name that exists in `snapshot`, or kNoFrame.
     [[nodiscard]] FrameId find(std::string_view name, CommitNumber snapshot) const {
         const std::uint64_t hash = hash_name(name);
         for (;;) {
@@ -98,7 +98,7 @@ public:
         }
     }
 
-    /// Copies a name into a block of its own. Throws CapacityExceeded.
+    /// Copies a name into its own block. Throws CapacityExceeded.
     [[nodiscard]] Offset store_name(std::string_view name) const {
         const Offset block = memory_->allocate(name_bytes(name.size()));
         memory_->word(block).store_relaxed(name.size());
@@ -110,7 +110,7 @@ public:
         memory_->release(block, name_bytes(stored_size(block)));
     }
 
-    /// Makes sure that one more entry fits. Throws CapacityExceeded, having changed nothing.
+    /// Ensures space for one more entry. Throws CapacityExceeded and then changes nothing.
     void reserve() const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
         const std::uint64_t filled = frames_.store_word(kNamesFilled).load_relaxed();
@@ -119,14 +119,14 @@ public:
         rehash();
     }
 
-    /// Enters a frame; `reserve` came before.
+    /// Inserts a frame; requires `reserve` before.
     void insert(std::string_view name, FrameId id) const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
         put(table, hash_name(name), id);
         store_filled(1 + frames_.store_word(kNamesFilled).load_relaxed());
     }
 
-    /// Allocates nothing: commits that are undone call it.
+    /// Allocates nothing: the rollback of a commit calls it.
     void erase(FrameId id) const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
         const std::uint64_t mask = TableWord::capacity(table) - 1;
@@ -142,7 +142,7 @@ public:
         }
     }
 
-    /// Counts its entries anew, after a death between an entry and its count.
+    /// Recounts the entries: a process may have died between an entry and its count.
     void recount() const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
         std::uint64_t filled = 0;
@@ -150,7 +150,7 @@ public:
             filled += entry(table, i).load_relaxed() != 0 ? 1 : 0;
         store_filled(filled);
     }
-    /// Every block that names and their table lie in: visit(offset, bytes).
+    /// Visits every block of the names and of their table: visit(offset, bytes).
     template <class Visit>
     void visit_blocks(Visit visit) const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
@@ -162,16 +162,16 @@ public:
         }
     }
 
-    /// Where a frame's name lies: how many bytes, then these. 0: it has none.
+    /// The block of a frame's name: its length, then its bytes. 0: the frame has no name.
     [[nodiscard]] Offset name_block(FrameId id) const {
         return memory::inside(*memory_, frames_.word(id, history::kName).load_acquire());
     }
-    /// Its length in bytes; none for an invalid name.
+    /// The length in bytes; 0 for an invalid name.
     [[nodiscard]] std::uint64_t stored_size(Offset block) const {
         const std::uint64_t size = memory_->word(block).load_relaxed();
         return size <= kMaxNameBytes ? size : 0;
     }
-    /// The frame's name as it stands now.
+    /// The frame's current name.
     [[nodiscard]] std::string name(FrameId id) const {
         const Offset block = name_block(id);
         if (block == 0)
@@ -181,7 +181,7 @@ public:
 
 private:
     static constexpr std::uint64_t kDead = 0xFFFFFFFFULL;
-    static constexpr std::uint64_t kTooLarge = 16;  // times what is needed: the table shrinks
+    static constexpr std::uint64_t kTooLarge = 16;  // times the needed size: the table shrinks
 
     [[nodiscard]] static std::size_t name_bytes(std::size_t length) {
         return 8 + (length + 7) / 8 * 8;
@@ -189,7 +189,7 @@ private:
     [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
         return memory_->word(memory::inside(*memory_, TableWord::block(table)) + 8 * i);
     }
-    /// Of the frame's name, which does not change meanwhile.
+    /// Hash of the frame's name, which does not change meanwhile.
     [[nodiscard]] std::uint64_t stored_hash(FrameId id) const {
         const Offset block = name_block(id);
         return hash_words(stored_size(block), [&](std::size_t at) {
@@ -217,7 +217,7 @@ private:
             if (!frames_.alive(id, snapshot) || !equals(id, name))
                 continue;
             Memory::fence_acquire();
-            // A slot that was reused under our eyes was born after this snapshot.
+            // If the slot was reused meanwhile, its frame was born after this snapshot.
             if (frames_.word(id, history::kBorn).load_relaxed() == born)
                 return id;
         }
@@ -238,14 +238,14 @@ private:
     void put(std::uint64_t table, std::uint64_t hash, FrameId id) const {
         const std::uint64_t mask = TableWord::capacity(table) - 1;
         std::uint64_t i = hash & mask;
-        // There is room, but where its count was damaged.
+        // The table has space unless its count was damaged.
         for (std::uint64_t probes = 0; probes < mask && entry(table, i).load_relaxed() != 0;
              ++probes)
             i = (i + 1) & mask;
         entry(table, i).store_release((hash >> 32) << 32 | (id + 1));
     }
 
-    /// A table with room, without the dead entries; readers of the old one search again.
+    /// A table with space, without the dead entries; readers of the old one search again.
     void rehash() const {
         const std::uint64_t old = frames_.store_word(kNames).load_relaxed();
         std::uint64_t live = 0;
@@ -258,7 +258,7 @@ private:
         unsigned log2 = history::Tuning<Memory>::kFirstNamesLog2;
         while ((std::uint64_t{1} << log2) < 4 * (live + 1))
             ++log2;
-        // Frames that come and go must not make the table change its size with them.
+        // Creating and removing frames must not make the table's size oscillate.
         if (old_capacity >> log2 > 1 && old_capacity >> log2 < kTooLarge)
             log2 = TableWord::log2_capacity(old);
         const std::uint64_t capacity = std::uint64_t{1} << log2;
@@ -269,7 +269,7 @@ private:
         for (std::uint64_t i = 0; i < old_capacity; ++i) {
             const std::uint64_t found = entry(old, i).load_relaxed();
             const FrameId id = static_cast<std::uint32_t>(found) - 1;
-            if (id < frames_.max_frames())  // none, or a dead one
+            if (id < frames_.max_frames())  // no frame, or a dead one
                 put(table, stored_hash(id), id);
         }
         frames_.store_word(kNames).store_release(table);

@@ -8,9 +8,9 @@
 
 namespace tfdb::graph {
 
-/// A few counts of states, each with a floor: those that it counts are of that commit or newer. A
-/// count that is found empty gets the newest commit as its floor, and the next ones; the others
-/// meanwhile drain. So the oldest floor follows the oldest state however many overlap.
+/// A few counts of pinned states. Each count has a floor: its states are of that commit or newer.
+/// An empty count takes the newest commit as its floor and receives the next pins, while the other
+/// counts drain. So the oldest floor follows the oldest state, however many states overlap.
 /// Threads: `take`, `join` and `drop` any; `oldest` only a writer: the holder of the commit lock,
 /// if others may take pins meanwhile. Guarantee: wait-free. A commit that is loaded after `take` is
 /// not older than what `oldest` returns from then on.
@@ -19,22 +19,21 @@ class Pins {
 public:
     static constexpr unsigned kCounts = 3;
 
-    /// `first`: kHeldPins or kReadPins, the first of the words that they take.
+    /// `first`: kHeldPins or kReadPins, the first of the words in use.
     Pins(const Frames<Memory>& frames, StoreWord first) : frames_(&frames), first_(first) {}
 
-    /// Counts one in, in the count that it returns. The full fence pairs with the one in `oldest`:
-    /// either that sees the pin, or the commit that is loaded next is at or above its floor.
+    /// Adds a pin and returns its count. The full fence pairs with the one in `oldest`: either
+    /// `oldest` sees the pin, or the commit that the reader loads next is at or above its floor.
     [[nodiscard]] unsigned take() const {
-        // Any count would do: an old hint costs nothing but time.
+        // Any count would do: an outdated hint only costs time.
         const unsigned chosen = in_range(word(kHint).load_relaxed());
         count(chosen).fetch_add(1);
         Memory::fence_full();
         return chosen;
     }
-    /// The same for a pin that may be held for long: in an empty count, if one is left, with
+    /// The same for a pin that may be held for long. It takes an empty count, if one is left, with
     /// `committed`, the newest commit just before, as its floor. Pins that join the count later
-    /// load no older commit. So no held state is taken for older than it is, while the counts
-    /// suffice.
+    /// load no older commit. So while counts suffice, no held state is treated as older than it is.
     [[nodiscard]] unsigned take(CommitNumber committed) const {
         const unsigned chosen = choose();
         if (count(chosen).fetch_add(1) == 0)
@@ -42,18 +41,18 @@ public:
         Memory::fence_full();
         return chosen;
     }
-    /// Counts one more in, where the caller's own pin is: the floor stays, so the new pin keeps
-    /// that one's state and all later ones.
+    /// Adds a pin to the count of the caller's own pin. The floor stays, so the new pin keeps that
+    /// state and all later ones.
     void join(unsigned taken) const { count(taken).fetch_add(1); }
     void drop(unsigned taken) const { count(taken).fetch_add(~std::uint64_t{0}); }
 
-    /// No state that is counted, or will be, is older. `committed` was published before.
+    /// No pinned state, now or later, is older. `committed` must be published before.
     [[nodiscard]] CommitNumber oldest(CommitNumber committed) const {
         Memory::fence_full();
         return oldest_of(
             [this](unsigned w) -> auto& { return word(w); }, committed);
     }
-    /// The same of pins anywhere, after a full fence: `word(w)` gives their words.
+    /// The same for pins anywhere, after a full fence: `word(w)` returns their words.
     template <class WordAt>
     [[nodiscard]] static CommitNumber oldest_of(WordAt word, CommitNumber committed) {
         CommitNumber oldest = committed;
@@ -70,7 +69,7 @@ public:
             word(kHint).store_relaxed(empty);
         return oldest;
     }
-    /// For pins that are not taken yet: a floor for the first ones.
+    /// Sets the floor for the first pins; no pin may exist yet.
     template <class WordAt>
     static void begin(WordAt word, CommitNumber committed) {
         for (unsigned i = 0; i < kCounts; ++i)
@@ -78,7 +77,7 @@ public:
     }
 
 private:
-    static constexpr unsigned kHint = 2 * kCounts;  // which count the next one goes to
+    static constexpr unsigned kHint = 2 * kCounts;  // the count that the next pin takes
     static_assert(kHint < kPinWords - 1, "they fit where they are kept, and leave the last word");
 
     /// An empty count, if one is left.
@@ -99,7 +98,7 @@ private:
         return frames_->pin_word(first_, w);
     }
     [[nodiscard]] typename Memory::Word& count(unsigned i) const { return word(i); }
-    /// Others than this program may have written it.
+    /// The word may be damaged: other programs can write it.
     [[nodiscard]] static constexpr unsigned in_range(std::uint64_t chosen) {
         return chosen < kCounts ? static_cast<unsigned>(chosen) : 0;
     }
@@ -108,7 +107,7 @@ private:
     StoreWord first_;
 };
 
-/// Counted in for its lifetime. Threads: one. Guarantee: wait-free.
+/// Holds a pin for its lifetime. Threads: one. Guarantee: wait-free.
 template <class Memory>
 class Pin {
 public:
