@@ -1,4 +1,4 @@
-// One edge of a path: its parent at a stamp, its pose, and why it may refuse.
+// One edge of a path: its parent at a stamp, its pose, and the reason for a failure.
 #pragma once
 
 #include <bit>
@@ -11,17 +11,17 @@
 
 namespace tfdb::lookup {
 
-/// Whether a walk takes only edges that answer at the stamp, or also one that will refuse: outside
-/// its samples an edge then has the parent of the nearest one, and the error can name it.
+/// Whether a walk follows only edges that answer at the stamp, or all edges. Outside its samples an
+/// edge has the parent of the nearest sample, so that the error can name the edge.
 enum class Edges : std::uint8_t { kAnswering, kAll };
 
 /// A frame's parent at a stamp.
 struct NearestParent {
     FrameId parent = kNoFrame;  // kNoFrame: a root
-    bool later = false;         // by a sample that came later than the stamp
+    bool later = false;         // named by a sample after the stamp
 };
 
-/// A frame's parent at a stamp by the view's samples.
+/// A frame's parent at a stamp according to the view's samples.
 template <View V>
 [[nodiscard]] Outcome exact_parent(const V& view, FrameId id, StampNs stamp, const Policy& policy,
                                    Edges edges, NearestParent& nearest) {
@@ -41,15 +41,15 @@ template <View V>
         return Outcome::kOk;
     }
     const FrameId found = history::SlotWord::parent(slot);
-    // A removed frame connects nothing, even if its slot now holds another one.
+    // A removed frame connects nothing, even if its slot now holds another frame.
     if (view.alive_since(found, history::SlotWord::commit(slot)))
         nearest = {found, chosen.anchor_stamp > stamp && policy.kind != PolicyKind::kLatest};
     return Outcome::kOk;
 }
 
-/// A frame's parent at a stamp, or by its newest sample; outside the samples by the nearest one.
-/// These parents may form a cycle, though the samples of no state do: a frame's nearest sample may
-/// be a later one. Each such frame of a cycle is a root.
+/// A frame's parent at a stamp, or in its newest sample; outside the samples, the nearest sample's
+/// parent. These parents may form a cycle although the samples of every state are acyclic: a
+/// frame's nearest sample may be a later one. Every such frame of a cycle is a root.
 template <View V>
 [[nodiscard]] Outcome nearest_parent_at(const V& view, FrameId id, std::optional<StampNs> stamp,
                                         NearestParent& nearest) {
@@ -57,7 +57,7 @@ template <View V>
     return exact_parent(view, id, stamp.value_or(0), policy, Edges::kAll, nearest);
 }
 
-/// The result of `nearest_parent_at`, but none if the frame would so be its own ancestor.
+/// The result of `nearest_parent_at`, or a root if the frame would be its own ancestor.
 template <View V>
 [[nodiscard]] Outcome parent_at(const V& view, FrameId id, std::optional<StampNs> stamp,
                                 FrameId& parent) {
@@ -78,7 +78,7 @@ template <View V>
     return outcome;
 }
 
-/// For errors to name.
+/// Fills in the fields that an error names.
 template <View V>
 [[nodiscard]] FrameHandle handle_of(const V& view, FrameId id) {
     return {id, id == kNoFrame ? 0 : view.generation(id)};
@@ -107,8 +107,8 @@ template <View V>
     return edge.confirm() ? Outcome::kFailed : Outcome::kLapped;
 }
 
-/// Adds to a failure that this frame has no parent, or another one, only because its edge has no
-/// data at the stamp; false if that is not so.
+/// Adds to a failure that the stamp is outside the edge's data, which is why this frame has no
+/// parent or another one. `noted` is false otherwise.
 template <View V>
 [[nodiscard]] Outcome note_if_out_of_range(const V& view, FrameId child, StampNs stamp,
                                            const Policy& policy, Failure& failure, bool& noted) {
@@ -138,14 +138,14 @@ template <View V>
     failure.newest = newest;
     failure.direction = stamp < oldest ? -1 : 1;
     const FrameId parent = history::SlotWord::parent(slot);
-    // A frame that was removed before this state has no name in it, reused slot or not.
+    // A frame that was removed before this state has no name in it, even if its slot was reused.
     const bool known = view.alive_since(parent, history::SlotWord::commit(slot));
     failure.parent = known ? handle_of(view, parent) : FrameHandle{parent, kNoGeneration};
     return Outcome::kOk;
 }
 
-/// T[parent<-child] of one edge at a stamp. kMismatch if the samples name another parent; kNoFrame
-/// stands for the one that they name, and kMismatch is then that there is none.
+/// T[parent<-child] of one edge at a stamp. kMismatch: the samples name another parent. The parent
+/// kNoFrame accepts any; kMismatch then means that the edge has none.
 template <View V>
 [[nodiscard]] Outcome edge_pose(const V& view, FrameId child, FrameId parent, StampNs stamp,
                                 const Policy& policy, geometry::Pose& pose, EdgeUse& use,

@@ -1,5 +1,5 @@
-// A path's cache lines, asked for all at once: beside writers most of them are in another core's
-// cache, and a lookup that comes to them one by one waits for each.
+// Prefetches a path's cache lines all at once. With active writers most of them are in another
+// core's cache, and a lookup that loads them one by one waits for each.
 #pragma once
 
 #include <array>
@@ -10,14 +10,15 @@
 
 namespace tfdb::lookup {
 
-/// Asks for the headers and the newest samples of a path's first edges, as the hints show the path;
-/// returns how many edges. Wrong hints cost time and nothing else.
+/// Prefetches the headers and newest samples of a path's first edges, as the hints show it; returns
+/// the number of edges. Wrong hints only cost time.
 template <memory::Fetchable Memory>
 [[gnu::noinline]] unsigned fetch_path(const graph::Frames<Memory>& frames, FrameId target,
                                       FrameId source) {
     using history::SegmentWord;
     using history::Topology;
-    constexpr unsigned kMost = 64;  // edges: three lines each are half of a first-level cache
+    // edges: at three lines each they fill half of a first-level cache
+    constexpr unsigned kMost = 64;
     std::array<FrameId, kMost> edges;
     const Memory& memory = frames.memory();
     const std::uint32_t count = frames.max_frames();

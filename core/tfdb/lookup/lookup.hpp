@@ -1,4 +1,4 @@
-// Lookups in one state of the forest: at a stamp, at the latest common time, of the newest samples.
+// Lookups in one state of the forest: at a stamp, at the latest common time, in the newest samples.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@ namespace tfdb::lookup {
 
 namespace detail {
 
-/// T[meeting point<-first of the chain], appending how each edge was used.
+/// T[meeting point<-first of the chain]; appends an EdgeUse for each edge.
 template <View V>
 [[nodiscard]] Outcome chain_pose(const V& view, const std::vector<FrameId>& chain, StampNs stamp,
                                  const Policy& policy, bool inverted, geometry::Pose& pose,
@@ -30,7 +30,7 @@ template <View V>
     return Outcome::kOk;
 }
 
-/// Translations that are finite edge by edge may overflow on their way through others.
+/// Translations that are finite edge by edge may overflow when they are composed.
 template <View V>
 [[nodiscard]] Outcome check_finite(const V& view, StampNs stamp, const geometry::Pose& pose,
                                    Failure& failure) {
@@ -71,8 +71,8 @@ template <View V>
     return check_finite(view, at_stamp ? stamp : -1, answer.pose, failure);
 }
 
-/// Runs an attempt with hints, and once more by the samples when the hints misled or it failed:
-/// only the samples decide what the error is.
+/// Runs an attempt with hints. If the hints misled or it failed, it runs again by the samples: only
+/// the samples determine the error.
 template <class Attempt>
 [[nodiscard]] Outcome hints_then_samples(Answer& answer, Attempt attempt) {
     const std::size_t edges = answer.edges.size();
@@ -81,7 +81,7 @@ template <class Attempt>
         return fast;
     answer.edges.resize(edges);
     const Outcome exact = attempt(WalkMode::kSamples);
-    // With the view's own samples a mismatch can only mean that they changed under the reader.
+    // With the view's own samples, a mismatch means that they changed during the read.
     return exact == Outcome::kMismatch ? Outcome::kLapped : exact;
 }
 
@@ -96,7 +96,7 @@ template <View V>
     return false;
 }
 
-/// Newest stamp of one edge, kNoStamp if it does not move, and the parent that it has there.
+/// Newest stamp of one edge and its parent there; kNoStamp if the edge is static.
 template <View V>
 [[nodiscard]] Outcome newest_stamp(const V& view, FrameId id, StampNs& stamp, FrameId& parent) {
     stamp = history::kNoStamp;
@@ -113,7 +113,7 @@ template <View V>
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
-/// Which ends of the common times in the newest tree are wanted.
+/// The required ends of the common times in the newest tree.
 enum class Common : std::uint8_t { kNewest, kOldestToo };
 
 template <View V>
@@ -178,15 +178,15 @@ template <View V>
 
 }  // namespace detail
 
-/// The latest common time, and the chains of the newest tree from which it comes: `answer.stamp`.
+/// Sets `answer.stamp` to the latest common time, and the chains to those of the newest tree.
 template <View V>
 [[nodiscard]] Outcome latest_common_path(const V& view, FrameId target, FrameId source,
                                          Answer& answer, Failure& failure) {
     return detail::common_times(view, target, source, detail::Common::kNewest, answer, failure);
 }
 
-/// The newest stamp at which every moving edge between two frames has data; 0 if none moves. The
-/// edge of a frame and itself is the frame's own, as for tf2.
+/// The newest stamp at which every moving edge between two frames has data; 0 if none moves. As in
+/// tf2, a frame and itself have the frame's own edge.
 template <View V>
 [[nodiscard]] Outcome latest_common_time(const V& view, FrameId target, FrameId source,
                                          Answer& answer, Failure& failure) {
@@ -198,15 +198,15 @@ template <View V>
     return latest_common_path(view, target, source, answer, failure);
 }
 
-/// The stamps at which every moving edge of the newest tree's path has data and the parent that it
-/// has there: from `answer.oldest` to `answer.stamp`, the latest common time. Both 0 if none moves.
+/// The stamps at which every moving edge of the newest tree's path has data and its newest parent:
+/// from `answer.oldest` to `answer.stamp`, the latest common time. Both are 0 if no edge moves.
 template <View V>
 [[nodiscard]] Outcome covered_stamps(const V& view, FrameId target, FrameId source, Answer& answer,
                                      Failure& failure) {
     return detail::common_times(view, target, source, detail::Common::kOldestToo, answer, failure);
 }
 
-/// T[parent<-child] of one edge, in constant time: no frame above is looked at. kFailed with
+/// T[parent<-child] of one edge, in constant time: it reads no frame above. kFailed with
 /// kDisconnected: the samples name another parent at the stamp.
 template <View V>
 [[nodiscard]] Outcome lookup_edge(const V& view, FrameId parent, FrameId child, StampNs stamp,
@@ -234,8 +234,8 @@ template <View V>
     return Outcome::kFailed;
 }
 
-/// T[parent<-child] of the edge from a frame to the parent that it has at a stamp, or in its newest
-/// sample: what `lookup` of the two answers. kFailed with kDisconnected: it has no parent then.
+/// T[parent<-child] of the edge from a frame to its parent at a stamp, or in its newest sample. It
+/// equals `lookup` of the two. kFailed with kDisconnected: the frame has no parent then.
 template <View V>
 [[nodiscard]] Outcome lookup_own_edge(const V& view, FrameId child, std::optional<StampNs> stamp,
                                       const Policy& policy, Answer& answer, Failure& failure) {
@@ -270,7 +270,7 @@ template <View V>
     return outcome;
 }
 
-/// Appends to `answer.edges` and sets the pose: T[target<-source] at one stamp.
+/// Sets the pose T[target<-source] at one stamp, and appends to `answer.edges`.
 template <View V>
 [[nodiscard]] Outcome lookup_at(const V& view, FrameId target, FrameId source, StampNs stamp,
                                 const Policy& policy, Answer& answer, Failure& failure) {
@@ -291,8 +291,8 @@ template <View V>
 
 namespace detail {
 
-/// At a stamp, or at the latest common time without one: `quick(lookup, stamp)` in the common
-/// case, else the general code.
+/// Looks up at a stamp, or at the latest common time without one: `quick(lookup, stamp)` in the
+/// common case, otherwise the general code.
 template <View V, class Quick>
 [[nodiscard]] Outcome quick_or_general(const V& view, FrameId target, FrameId source,
                                        std::optional<StampNs> stamp, const Policy& policy,
@@ -329,7 +329,7 @@ template <View V>
         [&](auto& quick, StampNs at) { return quick.at(target, source, at); });
 }
 
-/// Whether `lookup` has an answer: kOk, or what it fails with. The answer is unspecified.
+/// Whether `lookup` succeeds: kOk, or the failure. The answer is unspecified.
 template <View V>
 [[nodiscard]] Outcome can_lookup(const V& view, FrameId target, FrameId source,
                                  std::optional<StampNs> stamp, const Policy& policy, Answer& answer,
@@ -339,8 +339,8 @@ template <View V>
         [&](auto& quick, StampNs at) { return quick.covers(target, source, at); });
 }
 
-/// Each edge's own newest sample, nothing interpolated: the paper's lookupLatestTransform. The
-/// answer's stamp is the oldest of those used. With `max_age`, an edge older than that is refused.
+/// Each edge's own newest sample, without interpolation: the paper's lookupLatestTransform. The
+/// answer's stamp is the oldest of those used. With `max_age`, an older edge is refused.
 template <View V>
 [[nodiscard]] Outcome lookup_latest(const V& view, FrameId target, FrameId source,
                                     std::optional<StampNs> max_age, StampNs now, Answer& answer,
@@ -374,7 +374,7 @@ template <View V>
 
 namespace detail {
 
-/// One half of a lookup through a fixed frame; without a stamp at its own latest common time.
+/// One half of a lookup through a fixed frame; without a stamp, at its own latest common time.
 template <View V>
 [[nodiscard]] Outcome lookup_half(const V& view, FrameId target, FrameId source,
                                   std::optional<StampNs> stamp, const Policy& policy, Half half,
@@ -393,8 +393,8 @@ template <View V>
 
 }  // namespace detail
 
-/// T[target at target_stamp <- source at source_stamp], by way of a frame that did not move. Where
-/// a stamp is missing, that side is taken at its latest common time with the fixed frame.
+/// T[target at target_stamp <- source at source_stamp], through a frame that did not move. A side
+/// without a stamp is taken at its latest common time with the fixed frame.
 template <View V>
 [[nodiscard]] Outcome lookup_full(const V& view, FrameId target,
                                   std::optional<StampNs> target_stamp, FrameId source,

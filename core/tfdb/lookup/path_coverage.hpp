@@ -1,4 +1,4 @@
-// The stamps that a path covers: at each of them every edge of it has data and the same parent.
+// The stamps that a path covers: at each of them every edge has data and the same parent.
 #pragma once
 
 #include <algorithm>
@@ -17,8 +17,8 @@ template <View V>
            view.alive_since(parent, history::SlotWord::commit(slot));
 }
 
-/// Goes from the sample at or before `stamp` to earlier ones, then from there to later ones, while
-/// they name the parent and lie within [from, to].
+/// Visits samples backward from the one at or before `stamp`, then forward from there, while they
+/// name the parent and lie within [from, to].
 template <View V>
 [[nodiscard]] Outcome narrow_step_by_step(const V& view, const typename V::Edge& edge,
                                           FrameId parent, history::Bracket around, StampNs& from,
@@ -38,7 +38,7 @@ template <View V>
         if (!around.after) {
             to = last;
         } else if (!names_parent(view, edge, around.after, parent)) {
-            to = std::min(to, around.after.stamp - 1);  // the sample before is held until then
+            to = std::min(to, around.after.stamp - 1);  // until then the previous sample is held
         } else {
             last = around.after.stamp;
             if (!edge.bracket(last, around))
@@ -53,7 +53,7 @@ template <View V>
 }  // namespace detail
 
 /// Narrows [from, to] to the stamps around `stamp` at which an edge has data and this parent.
-/// kMismatch: it does not even at `stamp`.
+/// kMismatch: not even `stamp` qualifies.
 template <View V>
 [[nodiscard]] Outcome narrow_to_edge(const V& view, FrameId child, FrameId parent, StampNs stamp,
                                      StampNs& from, StampNs& to) {
@@ -71,7 +71,8 @@ template <View V>
         outcome = Outcome::kMismatch;
     } else if (edge.one_parent() &&
                (view.generation(parent) == 0 || view.alive_since(parent, edge.least_commit()))) {
-        // The parent's slot had no other frame before, or none in whose time a sample was written.
+        // The parent's slot held no other frame before, or no sample was written in that frame's
+        // time.
         from = std::max(from, oldest.stamp);
         to = std::min(to, edge.newest().stamp);
     } else {

@@ -1,4 +1,4 @@
-// How a stamp picks a pose from an edge's samples.
+// How an edge's samples determine the pose at a stamp.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ enum class PolicyKind : std::uint8_t {
     kExact,        // only a stored stamp
     kPrevious,     // newest sample at or before the stamp; limit = max age
     kNearest,      // closest sample; limit = tolerance
-    kExtrapolate,  // interpolate, and beyond the ends by at most `limit` at constant velocity
+    kExtrapolate,  // interpolate; beyond the ends, for at most `limit`, at constant velocity
     kLatest,       // each edge's own newest sample, at any stamp
 };
 

@@ -1,6 +1,5 @@
 // The common case of a lookup, in one pass over the path: one parent per frame, both samples in one
-// segment, at most a few samples newer than the snapshot. Whatever is different is left to the
-// general code.
+// segment, at most a few samples newer than the snapshot. The general code handles all other cases.
 #pragma once
 
 #include <bit>
@@ -18,37 +17,38 @@
 
 namespace tfdb::lookup {
 
-/// A view whose frames may be read in place.
+/// A view whose frames can be read in place.
 template <class V>
 concept InPlaceView = View<V> && requires(const V v) {
     v.frames();
     v.history();
-    { v.as_of() } -> std::same_as<history::AsOf>;  // loaded before it began to read
+    { v.as_of() } -> std::same_as<history::AsOf>;  // loaded before any read
 };
 
-/// A view that must be told before a frame is read, and again afterwards: its engine takes a lock
-/// or notes a version. `enter` may refuse; its frame is then not read.
+/// A view that brackets each frame's reads with `enter` and a call afterwards: its engine takes a
+/// lock or records a version. If `enter` refuses, the frame is not read.
 template <class V>
 concept GuardedView = requires(const V v, FrameId id) {
     { v.enter(id) } -> std::same_as<bool>;
     v.leave(id);
 };
 
-/// Walks both frames up by the depth hints and mixes and composes each edge on the way.
-/// Threads: any; each makes its own.
-/// Guarantee: wait-free; what it answers is what the general code would answer, or it declines.
+/// Walks both frames up by the depth hints, and interpolates and composes each edge on the way.
+/// Threads: any; each creates its own.
+/// Guarantee: wait-free; its answers equal those of the general code, or it declines.
 template <InPlaceView V>
 class QuickLookup {
 public:
     QuickLookup(const V& view, const Policy& policy, Answer& answer)
         : memory_(view.frames().memory()),
           view_(view),
-          policy_{policy.kind, policy.limit},  // a copy as a whole would wait for both to be stored
+          // copying the whole policy would wait for both stores
+          policy_{policy.kind, policy.limit},
           answer_(answer),
           commit_(view.commit()),
           as_of_(view.as_of()) {}
 
-    /// False: not the common case. The answer's edges are then unspecified.
+    /// False: not the common case; the answer's edges are then unspecified.
     [[nodiscard]] bool at(FrameId target, FrameId source, StampNs stamp) {
         stamp_ = stamp;
         answer_.edges.clear();
@@ -73,7 +73,7 @@ public:
                 return false;
             }
         }
-        // Wrong depth hints led past the meeting point: both took the edge above it.
+        // Wrong depth hints led past the meeting point: both sides took the edge above it.
         if (source_moved && target_moved && answer_.edges.back().child == down_uses_.back().child) {
             return false;
         }
@@ -91,7 +91,7 @@ public:
         return geometry::is_finite(answer_.pose);
     }
 
-    /// The edge from a frame to the parent that it has at a stamp; false: not the common case.
+    /// The edge from a frame to its parent at a stamp; false: not the common case.
     [[nodiscard]] bool edge(FrameId child, StampNs stamp) {
         stamp_ = stamp;
         answer_.edges.clear();
@@ -121,7 +121,8 @@ public:
         return met;
     }
 
-    /// Whether `at` answers for two different frames; nothing is mixed. False: not the common case.
+    /// Whether `at` answers for two different frames, without interpolation. False: not the common
+    /// case.
     [[nodiscard]] bool covers(FrameId target, FrameId source, StampNs stamp) {
         stamp_ = stamp;
         return meet(target, source, [this](const Node& node, Samples& in) {
@@ -143,8 +144,7 @@ private:
     using SegmentWord = history::SegmentWord;
     using Topology = history::Topology;
 
-    /// Where nothing was committed since this answer's last lookup, the caches still have its
-    /// lines.
+    /// If nothing was committed since this answer's last lookup, the cache still holds its lines.
     void expect_changes() {
         if (answer_.commit != commit_) {
             answer_.commit = commit_;
@@ -158,9 +158,9 @@ private:
         }
     }
 
-    /// What makes a frame none of the common case.
+    /// Flags that exclude a frame from the common case.
     static constexpr std::uint64_t kUnusual = Topology::kMixedParents | Topology::kMortal;
-    // More than any path has: only in a damaged store do parents run in a circle.
+    // More than any path has: parents form a cycle only in a damaged store.
     static constexpr FrameId kMostSteps = kNoFrame;
     static constexpr int kNear = 8;  // samples around the guess that are tried one by one
 
@@ -188,7 +188,7 @@ private:
         }
     };
 
-    /// One frame's stay behind its engine's guard, if it has one.
+    /// One frame's read inside its engine's guard, if it has one.
     /// Threads: one. Guarantee: as the view's `enter`.
     class Entered {
     public:
@@ -196,7 +196,7 @@ private:
             : view_(lookup.view_), id_(node.id) {
             if constexpr (GuardedView<V>) {
                 entered_ = view_.enter(id_);
-                // What was read of the frame before may be of another state.
+                // Words read before the guard may belong to another state.
                 admitted_ = entered_ && lookup.load(id_, lookup.commit_, node);
             }
         }
@@ -217,8 +217,8 @@ private:
         bool admitted_ = true;
     };
 
-    /// Walks two different frames up until they meet. `look(node, samples)` says at each edge which
-    /// of its samples names the parent; null: not the common case.
+    /// Walks two different frames up until they meet. `look(node, samples)` returns, for each edge,
+    /// the sample that names the parent; null: not the common case.
     template <class Look>
     [[nodiscard, gnu::always_inline]] bool meet(FrameId target, FrameId source, Look look) {
         Node up;
@@ -251,14 +251,14 @@ private:
                 return false;
             }
         }
-        // Wrong depth hints led past the meeting point: both took the edge above it.
+        // Wrong depth hints led past the meeting point: both sides took the edge above it.
         return up_from != down_from || up_from == kNoFrame;
     }
 
-    // Always inlined: each file that uses the class has a copy of `at`, and the linker keeps any
-    // one.
+    // Always inlined: each file that uses the class has its own copy of `at`, and the linker keeps
+    // any one of them.
 
-    /// The frame must have been there when `written` was; its words are then taken along.
+    /// The frame must have existed when `written` was written; loads the frame's words.
     [[nodiscard, gnu::always_inline]] bool load(FrameId id, CommitNumber written,
                                                 Node& node) const {
         node.id = id;
@@ -273,7 +273,7 @@ private:
     }
     [[nodiscard, gnu::always_inline]] bool ascend(Node& node, std::uint64_t slot) const {
         const FrameId parent = history::SlotWord::parent(slot);
-        // Equal, but known before the slot is there.
+        // Equal, but available before the slot is loaded.
         const FrameId hinted = Topology::parent(node.topology);
         return parent == hinted && load(hinted, history::SlotWord::commit(slot), node);
     }
@@ -283,7 +283,7 @@ private:
         return {segment.begin(), segment.end(), &memory_.word(segment.stamp_offset(0)),
                 &memory_.word(segment.slot(0))};
     }
-    /// The tail, up to its last sample that is the view's.
+    /// Opens the tail up to its last sample visible to the view.
     [[nodiscard, gnu::always_inline]] bool open(const Node& node, Samples& tail) const {
         const Word* header = node.header;
         const std::uint64_t word = header[history::kTail].load_acquire();
@@ -297,8 +297,8 @@ private:
         }
         return tail.end != tail.begin;
     }
-    /// Few commits pass during one lookup: what they appended is left out one by one. The flags
-    /// must be those of the samples that are read. Gives the tail's end, or its begin if none is
+    /// Few commits pass during one lookup, so their samples are skipped one by one. The flags must
+    /// belong to the samples that are read. Returns the tail's end, or its begin if no sample is
     /// left.
     [[nodiscard, gnu::noinline]] std::uint64_t leave_out_newer(const Word* header,
                                                                Samples tail) const {
@@ -317,14 +317,14 @@ private:
         return memory_.reclaimed(memory::Line::kReplaced).load_relaxed() <= as_of_.epoch &&
                memory_.reclaimed(memory::Line::kEnded).load_relaxed() <= as_of_.commit;
     }
-    /// Number by number: a copy of several words would wait until each of them has been stored.
+    /// Word by word: a copy of several words would wait until each of them has been stored.
     [[gnu::always_inline]] static geometry::Pose pose_in(const Word* slot) {
         const auto number = [slot](int i) {
             return std::bit_cast<double>(slot[1 + i].load_relaxed());
         };
         return {{number(0), number(1), number(2)}, {number(3), number(4), number(5), number(6)}};
     }
-    /// Poses of which no path is so long that composing them would overflow.
+    /// Whether the pose is so small that composition along any path cannot overflow.
     [[nodiscard, gnu::always_inline]] static bool is_near(const Word* slot) {
         constexpr double kFar = 1e290;
         bool near = true;
@@ -332,14 +332,14 @@ private:
             near &= std::abs(std::bit_cast<double>(slot[i].load_relaxed())) < kFar;
         return near;
     }
-    /// Not inlined: mixing and composing together do not fit into the registers.
+    /// Not inlined: interpolation and composition together exceed the registers.
     [[gnu::noinline]] static void mix_slots(const Word* before, const Word* after, double share,
                                             geometry::Pose& pose) {
         geometry::assign(pose, geometry::interpolate(pose_in(before), pose_in(after), share));
     }
 
-    /// Index of the sample at or before the stamp; false where the general code must look. Samples
-    /// mostly come at a steady rate: the guess is at most a few positions off.
+    /// Index of the sample at or before the stamp; false: the general code must search. Samples
+    /// mostly arrive at a steady rate, so the guess is at most a few positions off.
     [[nodiscard, gnu::always_inline]] bool find(const Node& node, Samples& in, std::uint64_t& index,
                                                 StampNs& before) const {
         index = in.end - 1;
@@ -350,7 +350,7 @@ private:
         const StampNs cutoff = before - view_.history();
         const double back = static_cast<double>(before - stamp_) *
                             std::bit_cast<double>(node.header[history::kRate].load_relaxed());
-        // Never negative, but where it was damaged.
+        // Negative only in a damaged store.
         if (back >= 0.0 && back < static_cast<double>(index - in.begin)) {
             index -= static_cast<std::uint64_t>(back);
         } else if (in.stamp(in.begin) > stamp_) {
@@ -362,8 +362,8 @@ private:
         }
         return near(in, index, before) && before >= cutoff;
     }
-    /// From a guess to the sample at or before the stamp. Where the next one is of a stamp of which
-    /// there are several, or in another segment, the general code must look.
+    /// Moves from a guess to the sample at or before the stamp. The general code must search if the
+    /// next sample's stamp occurs several times or lies in another segment.
     [[nodiscard, gnu::always_inline]] bool near(const Samples& in, std::uint64_t& index,
                                                 StampNs& before) const {
         before = in.stamp(index);
@@ -399,15 +399,15 @@ private:
         return history::halve([&](std::uint64_t i) { return in.stamp(i); }, in.begin, in.end,
                               stamp_);
     }
-    /// A sample at or before the stamp, if it was found.
+    /// A sample at or before the stamp, if found.
     struct Place {
         bool found = false;
         Samples in;
         std::uint64_t index = 0;
         StampNs before = history::kNoStamp;
     };
-    /// The stamp lies before the tail, which begins at `tail`: in a segment of the directory, not
-    /// at its ends.
+    /// For a stamp before the tail, which begins at `tail`: the sample lies in a segment of the
+    /// directory, and not at the segment's ends.
     [[nodiscard, gnu::noinline]] Place find_sealed(const Word* header, StampNs tail) const {
         const Offset block = header[history::kDirectory].load_acquire();
         if (block == 0) {
@@ -416,7 +416,7 @@ private:
         const history::Directory<Memory> directory(memory_, block);
         const std::uint64_t end = directory.end();
         const std::uint64_t begin = directory.begin(end);
-        // What was read of a block that was used again leads anywhere.
+        // Words of a reused block may point anywhere.
         if (begin >= end || !confirm()) {
             return {};
         }
@@ -435,11 +435,11 @@ private:
         place.index = in.begin;
         if (share > 0.0 && share < 1.0)
             place.index += static_cast<std::uint64_t>(share * count);
-        // Of a later version, since the view's header was read.
+        // The view's header words belong to an older version of the edge.
         if (header[history::kSince].load_acquire() > commit_) {
             return {};
         }
-        // The last one may be followed by others of its stamp, in the next segment.
+        // The last sample may be followed by others with its stamp, in the next segment.
         place.found = near(in, place.index, place.before) &&
                       place.index + (place.before == stamp_ ? 1 : 2) < in.end;
         return place;
@@ -454,7 +454,7 @@ private:
         moved = true;
     }
 
-    /// The sample that answers, and where it is to be mixed the one after it.
+    /// The sample that answers, and the next one if they are interpolated.
     [[nodiscard, gnu::always_inline]] bool choose(const Node& node, Samples& in, StampNs& before,
                                                   StampNs& after, Used& used, const Word*& slot,
                                                   const Word*& next) const {
@@ -481,12 +481,12 @@ private:
             }
         }
         slot = in.slot(index);
-        // Not a late sample of a commit that came after the view.
+        // Excludes a late sample of a commit after the view.
         return history::SlotWord::commit(slot->load_relaxed()) <= commit_ &&
                (next == nullptr || history::SlotWord::commit(next->load_relaxed()) <= commit_);
     }
 
-    /// Takes one edge: its pose at the stamp goes in front of what was composed so far.
+    /// Steps over one edge: composes its pose at the stamp in front of the result so far.
     [[nodiscard, gnu::always_inline]] bool step(Node& node, geometry::Pose& composed, bool& moved,
                                                 std::vector<EdgeUse>& uses, bool inverted) {
         Samples in;
@@ -511,13 +511,13 @@ private:
         } else {
             geometry::assign(pose, pose_in(slot));
         }
-        // A pose from words that were overwritten meanwhile is turned down here.
+        // Rejects a pose whose words were overwritten meanwhile.
         if (!confirm() || !ascend(node, first)) {
             return false;
         }
         if (uses.size() == kMostSteps) [[unlikely]]
             return false;
-        // Filled in place: a use built elsewhere and copied as a block would stall.
+        // Filled in place: an EdgeUse built elsewhere and block-copied would stall.
         EdgeUse& use = uses.emplace_back();
         use.child = child;
         use.parent = node.id;
@@ -538,7 +538,7 @@ private:
     CommitNumber commit_;
     history::AsOf as_of_;
     StampNs stamp_ = 0;
-    unsigned unfetched_in_ = ~0U;  // steps that the lines already asked for will do
+    unsigned unfetched_in_ = ~0U;  // steps until more lines are prefetched
     std::vector<EdgeUse>& down_uses_ = answer_.target_edges;
 };
 

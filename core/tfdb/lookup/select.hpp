@@ -1,4 +1,4 @@
-// Which of an edge's samples answer for a stamp: the time policies, in one place.
+// Selects the samples of an edge that answer for a stamp: all time policies in one place.
 #pragma once
 
 #include <cstdint>
@@ -12,10 +12,10 @@ namespace tfdb::lookup {
 
 using history::SampleAt;
 
-/// The choice for one edge. `anchor` is the sample whose parent is the edge's parent at the stamp,
-/// also where the policy then refuses to answer.
+/// The selection for one edge. `anchor` is the sample whose parent is the edge's parent at the
+/// stamp, even if the policy then refuses to answer.
 struct Selection {
-    SampleAt anchor;  // none: the frame has no samples, it is a root
+    SampleAt anchor;  // none: the frame has no samples and is a root
     SampleAt second;  // the other sample of an interpolation
     StampNs anchor_stamp = -1;
     StampNs second_stamp = -1;
@@ -38,7 +38,7 @@ inline void refuse(Selection& s, ErrorCode code, int direction) {
     s.direction = direction;
 }
 
-/// Outside the samples: only Extrapolate goes on, on the line through the two outermost samples.
+/// Outside the samples only Extrapolate answers, on the line through the two outermost samples.
 template <class Edge>
 [[nodiscard]] bool select_outside(const Edge& view, StampNs stamp, const Policy& policy,
                                   int direction, Selection& s) {
@@ -96,14 +96,14 @@ template <class Edge>
         s.second = around.after;
         s.used = Used::kInterpolated;
     } else {
-        s.used = Used::kHeld;  // the old parent holds until the new one begins
+        s.used = Used::kHeld;  // the old parent holds until the new one starts
     }
     return true;
 }
 
 }  // namespace detail
 
-/// False if the view was overtaken and must be opened again.
+/// False: a writer overtook the view, which must be opened again.
 template <class Edge>
 [[nodiscard]] bool select(const Edge& view, StampNs stamp, const Policy& policy, Selection& s) {
     s = Selection{};

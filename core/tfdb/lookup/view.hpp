@@ -1,4 +1,4 @@
-// What a lookup asks of the engine under it: one state of the forest, read frame by frame.
+// The lookups' interface to the engine: one state of the forest, read frame by frame.
 #pragma once
 
 #include <concepts>
@@ -9,30 +9,31 @@
 
 namespace tfdb::lookup {
 
-/// The generation of a frame that is not in the view's state: none that a slot can have.
+/// The generation of a frame outside the view's state: no slot has it.
 inline constexpr std::uint32_t kNoGeneration = ~std::uint32_t{0};
 
-/// The seam between lookups and concurrency controls. An engine hands out a view of one state;
-/// `open` is where it takes a lock, notes a version, or simply looks. `Edge` is what it opens: a
-/// history::EdgeView, or something that answers the same questions.
+/// The interface between lookups and concurrency control. An engine returns a view of one state;
+/// its `open` takes a lock, records a version, or just reads. It opens an `Edge`: a
+/// history::EdgeView, or a type with the same functions.
 template <class V>
 concept View = requires(const V v, FrameId id, CommitNumber commit, typename V::Edge& edge) {
     typename V::Memory;
-    { v.open(id, edge) } -> std::same_as<bool>;           // false: overtaken, start again
-    { v.topology(id) } -> std::same_as<std::uint64_t>;    // a hint that may be newer than the view
-    { v.alive(id) } -> std::same_as<bool>;                // does the frame exist in this state?
-    { v.alive_since(id, commit) } -> std::same_as<bool>;  // ... and did it when that was written?
+    { v.open(id, edge) } -> std::same_as<bool>;         // false: overtaken by a writer, start again
+    { v.topology(id) } -> std::same_as<std::uint64_t>;  // a hint that may be newer than the view
+    { v.alive(id) } -> std::same_as<bool>;              // whether the frame exists in this state
+    // ... and existed when that commit was written
+    { v.alive_since(id, commit) } -> std::same_as<bool>;
     { v.generation(id) } -> std::same_as<std::uint32_t>;
     { v.frame_count() } -> std::same_as<std::uint32_t>;
     { v.commit() } -> std::same_as<CommitNumber>;
 };
 
-/// How a step of a lookup ended.
+/// The outcome of a lookup's step.
 enum class Outcome : std::uint8_t {
     kOk,
     kFailed,    // the answer is an error, and final
-    kLapped,    // a writer overtook the reader: take the state anew
-    kMismatch,  // the hints about the tree were of another state: walk by the samples
+    kLapped,    // a writer overtook the reader: load the state again
+    kMismatch,  // the tree hints belong to another state: walk by the samples
 };
 
 }  // namespace tfdb::lookup

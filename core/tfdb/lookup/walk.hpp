@@ -1,4 +1,4 @@
-// The path between two frames: both are walked up to where they meet, not to the root.
+// The path between two frames: both are walked up to their meeting point, not to the root.
 #pragma once
 
 #include <algorithm>
@@ -11,11 +11,11 @@
 
 namespace tfdb::lookup {
 
-/// How a walk learns parents: from hints that may be of a later state (checked edge by edge when
-/// the poses are read), or from the samples of the view itself, which is exact and slower.
+/// The source of parents for a walk. Hints may belong to a later state; they are verified edge by
+/// edge when the poses are read. The view's own samples are exact and slower.
 enum class WalkMode : std::uint8_t { kHints, kSamples };
 
-/// Takes the ancestors that both chains share off their ends, all but the lowest.
+/// Removes shared ancestors from the ends of both chains, except the lowest one.
 inline void strip_common(std::vector<FrameId>& a, std::vector<FrameId>& b) {
     while (a.size() > 1 && b.size() > 1 && a[a.size() - 2] == b[b.size() - 2]) {
         a.pop_back();
@@ -23,12 +23,12 @@ inline void strip_common(std::vector<FrameId>& a, std::vector<FrameId>& b) {
     }
 }
 
-/// Cuts both chains at the first frame of `up` that `down` has too; false if it has none. Where a
-/// policy chooses a parent for each edge by itself, chains may run past the lowest one.
+/// Cuts both chains at the first frame of `up` that is also in `down`; false if there is none.
+/// Chains may go past the lowest one if a policy chooses each edge's parent separately.
 inline bool cut_at_meeting(std::vector<FrameId>& up, std::vector<FrameId>& down) {
     constexpr std::size_t kFewPairs = 4096;
     std::unordered_map<FrameId, std::size_t> index;
-    const bool few = up.size() * down.size() <= kFewPairs;  // then no allocation either
+    const bool few = up.size() * down.size() <= kFewPairs;  // then it does not allocate
     for (std::size_t i = 0; !few && i < down.size(); ++i) {
         index.try_emplace(down[i], i);
     }
@@ -51,9 +51,9 @@ inline bool cut_at_meeting(std::vector<FrameId>& up, std::vector<FrameId>& down)
     return false;
 }
 
-/// One walk of both frames upward.
+/// Walks both frames upward, once.
 /// Threads: one; the view and the chains outlive it.
-/// Guarantee: takes no lock, and ends also where a policy's choices run in a circle.
+/// Guarantee: takes no lock, and terminates even if a policy's parents form a cycle.
 template <View V>
 class Walker {
 public:
@@ -67,17 +67,17 @@ public:
           to_root_(policy.kind == PolicyKind::kNearest || policy.kind == PolicyKind::kExtrapolate) {
     }
 
-    /// Fills both chains up to the meeting point, the last of both; or, when `met` is false, up to
-    /// their roots. The depth hints say which side to move; where they are wrong a side may walk
-    /// past the meeting point, and both then meet higher up or at the root.
+    /// Fills both chains up to the meeting point, which ends both, or, if `met` is false, up to
+    /// their roots. The depth hints select the side to move. If they are wrong, a side may walk
+    /// past the meeting point; both sides then meet higher up or at the root.
     [[nodiscard]] Outcome walk(FrameId target, FrameId source, Edges edges, bool& met) {
         using history::Topology;
         Side up{up_, view_.topology(source)};
         Side down{down_, view_.topology(target)};
         up_.assign(1, source);
         down_.assign(1, target);
-        // The flags that `climb` looks at may be of a later state; what an error names must not
-        // hang on them.
+        // `climb` checks flags that may belong to a later state; an error's content must not depend
+        // on them.
         branching_ = mode_ == WalkMode::kSamples && (to_root_ || edges == Edges::kAll);
         while (!(up.ended && down.ended)) {
             if (!branching_ && !to_root_ && up_.back() == down_.back()) {
@@ -102,10 +102,10 @@ public:
         return Outcome::kOk;
     }
 
-    /// True if a frame on the way had more than one parent in its time.
+    /// Whether a frame on the path had several parents in its time.
     [[nodiscard]] bool branching() const { return branching_; }
-    /// True for policies that answer far from an edge's samples: where a frame had several parents,
-    /// there may then be several paths, and the lowest meeting point is found from whole chains.
+    /// Whether the policy answers far from an edge's samples. If a frame had several parents,
+    /// several paths may then exist, and only whole chains reveal the lowest meeting point.
     [[nodiscard]] bool to_root() const { return to_root_; }
 
 private:
@@ -137,7 +137,7 @@ private:
         return Outcome::kOk;
     }
 
-    /// Ends a chain with a cycle at the cycle's first root: see nearest_parent_at.
+    /// Ends a cyclic chain at the cycle's first root: see nearest_parent_at.
     [[nodiscard]] Outcome cut_circle(std::vector<FrameId>& chain, Edges edges) {
         const auto again = std::find(chain.rbegin() + 1, chain.rend(), chain.back());
         if (again == chain.rend())
@@ -168,14 +168,14 @@ private:
     bool branching_ = false;
 };
 
-/// A view that notes which samples an answer depends on; hints do not count.
+/// A view that records the samples on which an answer depends; hints do not count.
 template <class V>
 concept NotingView = View<V> && requires {
     requires V::kNotesReads;
 };
 
-/// Says that the chains end at two roots, and which edge of them has no data at the stamp: the
-/// first one from the source upward, then from the target.
+/// Reports that the chains end at two roots, and the edge without data at the stamp: the first one
+/// from the source upward, then from the target.
 template <View V>
 [[nodiscard]] Outcome describe_apart(const V& view, StampNs stamp, const Policy& policy,
                                      Answer& chains, Failure& failure) {
@@ -199,16 +199,16 @@ template <View V>
     return Outcome::kFailed;
 }
 
-/// Fills both chains of the answer, each from its frame up to the meeting point. By the samples: a
-/// path of edges that all answer at the stamp if there is one, else one that names the culprit.
-/// When there is none, kFailed with both roots.
+/// Fills both chains of the answer, from each frame up to the meeting point. By the samples, it
+/// prefers a path whose edges all answer at the stamp, over one that names the failing edge.
+/// Without any path: kFailed with both roots.
 template <View V>
 [[nodiscard]] Outcome walk(const V& view, FrameId target, FrameId source, StampNs stamp,
                            const Policy& policy, WalkMode mode, Answer& chains, Failure& failure) {
     Walker<V> walker(view, stamp, policy, mode, chains);
     bool met = false;
     if (mode == WalkMode::kHints) {
-        // There the path depends on whole chains, of which hints note only what lies on it.
+        // The path then depends on whole chains, but hints record only the frames on it.
         if (NotingView<V> && walker.to_root())
             return Outcome::kMismatch;
         const Outcome outcome = walker.walk(target, source, Edges::kAll, met);
