@@ -1,4 +1,4 @@
-// Whether an edge has changed since a commit in a way that a read of that commit depends on.
+// Detects changes of an edge since a commit, on which a read of that commit depends.
 #pragma once
 
 #include <algorithm>
@@ -10,13 +10,13 @@
 
 namespace tfdb::history {
 
-/// Stamps, both ends included. A new sample at one of them changes an answer.
+/// A range of stamps, both ends included. A new sample inside changes an answer.
 struct StampRange {
     StampNs from = std::numeric_limits<StampNs>::min();
     StampNs to = std::numeric_limits<StampNs>::max();
 };
 
-/// What happened to an edge.
+/// The kind of a change to an edge.
 enum class Change : std::uint8_t {
     kNone,
     kNewer,     // a sample after all others
@@ -24,31 +24,31 @@ enum class Change : std::uint8_t {
     kReparent,  // a sample that names another parent
     kStatic,    // a static pose was stored
     kCleared,
-    kForgotten,  // the retained history ends above a sample that was used
+    kForgotten,  // the retained history ends above a used sample
 };
 
-/// Where and what.
+/// A change and its position.
 struct EdgeChange {
     Change change = Change::kNone;
-    StampNs stamp = kNoStamp;  // of the new sample, or the end of what is retained
+    StampNs stamp = kNoStamp;  // of the new sample, or the end of the retained history
 
     [[nodiscard]] explicit operator bool() const { return change != Change::kNone; }
 };
 
 /// The samples that an edge got after commit `since`.
 /// Threads: one that holds the commit lock, so that the edge has no other writer.
-/// Guarantee: wait-free. Never misses a change; may report one that was taken back.
+/// Guarantee: wait-free. Never misses a change; may report one that was rolled back.
 template <class Memory>
 class EdgeChanges : private EdgeSegments<Memory> {
 public:
     EdgeChanges(Memory& memory, Offset header, CommitNumber since, StampNs history)
         : Base(memory, header), since_(since), history_(history) {}
 
-    /// True if anything was stored at all; a load.
+    /// Whether anything was stored; one load.
     [[nodiscard]] bool any() const { return word(kChanged).load_relaxed() > since_; }
 
-    /// The newest change that concerns `ranges` (sorted, apart) or the sample at `lowest`, the
-    /// oldest one that was used; kNoStamp if none was.
+    /// The newest change that affects `ranges` (sorted, disjoint) or the sample at `lowest`, the
+    /// oldest one used; kNoStamp if none was used.
     [[nodiscard]] EdgeChange find(std::span<const StampRange> ranges, StampNs lowest) const {
         if (!any())
             return {};

@@ -1,4 +1,4 @@
-// One edge in a region of its own, and the same samples in a plain list that judges it.
+// One edge in its own region, and the same samples in a plain list that checks its answers.
 #pragma once
 
 #include <map>
@@ -12,7 +12,7 @@
 
 namespace tfdb::history::fixture {
 
-/// Counts how often somebody looks at a word.
+/// Counts accesses to words.
 /// Threads: one. Guarantee: as Region.
 struct Memory : memory::Region {
     [[nodiscard]] Word& word(Offset offset) const noexcept {
@@ -23,11 +23,11 @@ struct Memory : memory::Region {
 };
 using View = EdgeView<Memory>;
 
-/// Stands for a clear among the stamps of a commit.
+/// Marks a clear among the stamps of a commit.
 inline constexpr StampNs kClearMarker = -3;
 
-/// Commits to one edge, as a store makes them, and asks any snapshot.
-/// Threads: one. Guarantee: every answer is judged by the plain list.
+/// Commits to one edge as a store does, and reads any snapshot.
+/// Threads: one. Guarantee: every answer is checked against the plain list.
 class Edge : private Readers {
 public:
     explicit Edge(StampNs history = kForever) : history_(history) {
@@ -38,13 +38,12 @@ public:
     }
 
     [[nodiscard]] CommitNumber committed() const { return committed_; }
-    /// Without what waits for readers.
+    /// Without retired blocks.
     [[nodiscard]] std::size_t used_bytes() const {
         return memory_.used_bytes() - memory_.retired_bytes(Line::kReplaced) -
                memory_.retired_bytes(Line::kEnded);
     }
-    /// How many words are looked at to tell what a snapshot's samples are, in figures; these are
-    /// right.
+    /// The number of words read to compute the extent of a snapshot's samples, which it checks.
     [[nodiscard]] std::uint64_t looks_for_extent(CommitNumber snapshot) {
         View view;
         Extent extent;
@@ -54,7 +53,7 @@ public:
         judge(extent, visible(snapshot));
         return looks;
     }
-    /// How many words are looked at to find what a snapshot sees around a stamp, which is right.
+    /// The number of words read to find a snapshot's samples around a stamp, which it checks.
     [[nodiscard]] std::uint64_t looks_for(CommitNumber snapshot, StampNs stamp) {
         CHECK(check(snapshot, stamp));
         View view;
@@ -67,11 +66,10 @@ public:
     [[nodiscard]] std::uint64_t word_value(HeaderWord w) const {
         return memory_.word(header_ + 8 * w).load_relaxed();
     }
-    /// From now on held snapshots keep what they see.
+    /// Held snapshots keep the samples that they see from now on.
     void hold(bool held) { held_ = held; }
 
-    /// From now on the samples of a commit, which come in the order of their stamps, are handed in
-    /// as one.
+    /// From now on, a commit's samples, in stamp order, are appended in one call.
     void hand_in_together() { together_ = true; }
 
     void commit(const std::vector<StampNs>& stamps, FrameId parent = 1) {
@@ -83,7 +81,7 @@ public:
             entries_.push_back(entry);
         pending_.clear();
     }
-    /// Writes the same and takes it back.
+    /// Writes the samples and rolls them back.
     void abort(const std::vector<StampNs>& stamps, FrameId parent = 1) {
         append(stamps, parent);
         pending_.clear();
@@ -94,7 +92,7 @@ public:
         return view.open(memory_, header_, snapshot, history_, {epoch_, snapshot});
     }
 
-    /// Asks one snapshot around one stamp. False: it said that it was overtaken.
+    /// Reads one snapshot around one stamp. False: a writer overtook the read.
     [[nodiscard]] bool check(CommitNumber snapshot, StampNs stamp) {
         View view;
         Bracket around;
@@ -113,7 +111,7 @@ public:
         judge(extent, expected);
         return true;
     }
-    /// The newest state always answers, for every stamp near a visible one.
+    /// The newest state always answers, for every stamp near a visible sample.
     void check_newest(StampNs stamp) { CHECK(check(committed_, stamp)); }
 
     void check_static(CommitNumber snapshot) {
@@ -225,7 +223,7 @@ private:
     std::uint64_t value_ = 0;
     std::vector<Entry> entries_;
     std::vector<Entry> pending_;
-    std::map<StampNs, Entry> seen_;  // what `visible` found last
+    std::map<StampNs, Entry> seen_;  // the last result of `visible`
     CommitNumber seen_snapshot_ = 0;
     std::size_t seen_entries_ = 0;
 };

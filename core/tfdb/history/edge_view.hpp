@@ -1,4 +1,4 @@
-// One edge as one snapshot sees it: which samples are visible, and the two around a stamp.
+// One edge as one snapshot sees it: its visible samples, and the two around a stamp.
 #pragma once
 
 #include <algorithm>
@@ -17,8 +17,8 @@ struct Bracket {
     SampleAt after;
 };
 
-/// What a reader loads before it looks at anything else. Epochs count how often blocks that were
-/// taken out of use came to be free.
+/// The values that a reader loads before anything else. An epoch ends when retired blocks become
+/// free.
 struct AsOf {
     std::uint64_t epoch = 0;
     CommitNumber commit = 0;
@@ -26,22 +26,22 @@ struct AsOf {
 /// For a caller that excludes all writers.
 inline constexpr AsOf kAsItIs{kMaxCommit, kMaxCommit};
 
-/// A reader's window on one edge at one commit.
+/// A reader's view of one edge at one commit.
 ///
 /// Whatever the writer does meanwhile, the words that it swaps lead to segments that still hold all
-/// that this snapshot sees; samples of later commits are told by their numbers and passed over.
-/// What may happen is that a block is used again, but not before an epoch that began after the
-/// reader did, or a commit after the snapshot where a clear ended the version: the memory says up
-/// to which of them it has gone.
+/// samples of this snapshot. Samples of later commits are recognised by their commit numbers and
+/// skipped. But a block may be reused: only after an epoch that began after the reader did, or, if
+/// a clear ended the version, after a commit later than the snapshot. The memory publishes how far
+/// reuse has advanced for both.
 ///
-/// Threads: each thread makes its own; any number beside the one writer.
+/// Threads: each thread creates its own; any number run beside the one writer.
 ///
-/// Guarantee: wait-free. What was read counts only if `confirm` is true afterwards; every
-/// function that returns false, and a failed `confirm`, mean "overtaken by the writer: read again".
+/// Guarantee: wait-free. Results count only if `confirm` is true afterwards. A function that
+/// returns false and a failed `confirm` mean "overtaken by the writer: read again".
 template <class Memory>
 class EdgeView {
 public:
-    /// Looks at the frame whose header is at `header`; empty where it was not born yet.
+    /// Opens the frame whose header is at `header`; empty if the frame was not born yet.
     [[nodiscard]] bool open(Memory& memory, Offset header, CommitNumber snapshot, StampNs history,
                             const AsOf& as_of) {
         memory_ = &memory;
@@ -55,7 +55,7 @@ public:
         if (!load())
             return false;
         const bool whole = word(kChanged).load_relaxed() <= snapshot;
-        // All else was stored after these two, or before what was loaded.
+        // All other words were stored after these two, or before the loaded value.
         const CommitNumber since = word(kSince).load_acquire();
         const bool born = word(kBorn).load_acquire() >> kFrameBits <= snapshot;
         if (!confirm())
@@ -63,21 +63,21 @@ public:
         if (since > snapshot && !load_older())
             return false;
         find_newest(whole && since <= snapshot);
-        // A slot that is being reused holds a mix of two frames.
+        // The header of a slot that is being reused mixes words of two frames.
         return !overtaken_ && (newest_ ? born : !may_miss());
     }
 
     [[nodiscard]] bool empty() const { return !newest_; }
-    /// May be newer than the snapshot: then it is less exact.
+    /// May be newer than the snapshot, and then less exact.
     [[nodiscard]] std::uint64_t topology() const { return topology_; }
     [[nodiscard]] bool is_static() const { return newest_ && newest_.stamp == kStaticStamp; }
-    /// It had samples, and has none since a clear.
+    /// Whether the edge had samples and a clear removed them all.
     [[nodiscard]] bool cleared() const { return empty() && (topology_ & Topology::kCleared) != 0; }
-    /// True only if all samples name one parent (by its slot, which may have had another frame).
+    /// True only if all samples name one parent slot, which may have held another frame before.
     [[nodiscard]] bool one_parent() const { return (topology_ & Topology::kMixedParents) == 0; }
 
-    /// True only if all samples that the snapshot retained, also those that were evicted since,
-    /// name one parent. A static edge has one sample.
+    /// True only if all samples that the snapshot retained, including those evicted since, name one
+    /// parent. A static edge has one sample.
     [[nodiscard]] bool had_one_parent() const {
         return empty() || is_static() ||
                (one_parent() &&
@@ -85,7 +85,7 @@ public:
                                  as_stamp(word(kParentFrom).load_relaxed()) <= cutoff())));
     }
 
-    /// True if all that was read since `open` was whole.
+    /// Whether all reads since `open` are consistent.
     [[nodiscard]] bool confirm() const {
         Memory::fence_acquire();
         return memory_->reclaimed(memory::Line::kReplaced).load_relaxed() <= epoch_ &&
@@ -93,10 +93,10 @@ public:
                word(kCorrected).load_relaxed() <= snapshot_;
     }
 
-    /// True if something that this snapshot may need was evicted before `open`.
+    /// Whether samples that this snapshot may need were evicted before `open`.
     [[nodiscard]] bool may_miss() const { return snapshot_ < forgotten_; }
 
-    /// The sample with the greatest stamp, the pose of a static edge; none if none is visible.
+    /// The sample with the greatest stamp, or the pose of a static edge; empty if none is visible.
     [[nodiscard]] SampleAt newest() const { return newest_; }
 
     /// Finds the samples around `stamp` among those that the snapshot retains.
@@ -112,15 +112,15 @@ public:
         return !overtaken_;
     }
 
-    /// Samples in stamp order, in place: some segment of the edge, and the index in it of the first
-    /// sample with a greater stamp, if that is not its first or its end. Also samples of commits
-    /// that the snapshot does not see.
+    /// A segment of the edge in stamp order, in place, and the index in it of the first sample with
+    /// a greater stamp, unless that is the segment's first sample or its end. The segment also
+    /// holds samples of commits that the snapshot does not see.
     [[nodiscard]] std::pair<Segment<Memory>, std::uint64_t> place(StampNs stamp) const {
         const Spot at = locate(stamp);
         return {at.segment, at.index};
     }
 
-    /// The sample with the least stamp that the snapshot retains; none if none.
+    /// The sample with the least stamp that the snapshot retains; empty if there is none.
     [[nodiscard]] bool oldest(SampleAt& out) const {
         out = {};
         if (empty())
@@ -132,8 +132,8 @@ public:
         return true;
     }
 
-    /// All samples that the snapshot retains, in figures. Looks at the samples of the segments that
-    /// lie on an end, and of those with a sample that is newer than the snapshot.
+    /// The extent of all samples that the snapshot retains. Reads the samples of the segments at an
+    /// end, and of those with a sample newer than the snapshot.
     [[nodiscard]] bool extent(Extent& out) const {
         out = {};
         if (empty())
@@ -151,9 +151,9 @@ public:
         return !overtaken_;
     }
 
-    /// Calls visit(sample) in stamp order for the one at or before `from` and `more` before that,
-    /// for all up to `to`, and for the one after it and `more` after that, as far as the snapshot
-    /// retains them. Ends when `visit` returns false.
+    /// Calls visit(sample) in stamp order: for the sample at or before `from` and `more` before it,
+    /// for all up to `to`, for the one after it and `more` after that, as far as the snapshot
+    /// retains them. Stops when `visit` returns false.
     template <class Visit>
     [[nodiscard]] bool visit(StampNs from, StampNs to, unsigned more, Visit visit) const {
         const StampNs cutoff = this->cutoff();
@@ -181,9 +181,9 @@ public:
         return !overtaken_;
     }
 
-    /// Calls visit(sample) for what the snapshot retains of commit `first` and later ones, the
-    /// greatest stamp first, until `visit` returns false. Looks at the samples of the tail, and of
-    /// the segments that have some of those commits.
+    /// Calls visit(sample) for the retained samples of commit `first` and later, greatest stamp
+    /// first, until `visit` returns false. Reads the samples of the tail, and of the segments that
+    /// have some of those commits.
     template <class Visit>
     [[nodiscard]] bool visit_since(CommitNumber first, Visit visit) const {
         const StampNs cutoff = this->cutoff();
@@ -199,7 +199,7 @@ public:
             for (std::uint64_t i = all_too_new(in) ? 0 : in.end(); i > in.begin(); --i) {
                 const SampleAt at{in.slot(i - 1), in.stamp(i - 1)};
                 const CommitNumber commit = in.commit(i - 1);
-                // Of equal stamps the later one is the newer commit's.
+                // Of equal stamps, the later sample belongs to the newer commit.
                 if (commit < first || commit > snapshot_ || (later && later.stamp == at.stamp))
                     continue;
                 if (at.stamp < cutoff || !visit(at))
@@ -210,7 +210,7 @@ public:
         return !overtaken_;
     }
 
-    /// No sample is of an older commit.
+    /// A lower bound of the samples' commits.
     [[nodiscard]] CommitNumber least_commit() const {
         const Segment<Memory> tail(*memory_, tail_);
         CommitNumber least = tail.empty() ? kMaxCommit : tail.meta(kLeast).load_relaxed();
@@ -241,7 +241,8 @@ public:
     [[nodiscard]] StampNs cutoff() const { return newest_.stamp - history_; }
 
 private:
-    /// A place among the samples: segment `k` (that at `end_` is the tail), index within it.
+    /// A position among the samples: segment `k` (the one at `end_` is the tail), and the index in
+    /// it.
     struct Spot {
         std::uint64_t k = 0;
         Segment<Memory> segment;
@@ -255,22 +256,22 @@ private:
         return memory_->word(header_ + 8 * Offset{w});
     }
     [[nodiscard]] Directory<Memory> directory() const { return {*memory_, directory_}; }
-    /// The tail and the directory before it. A tail that becomes full meanwhile goes to the
-    /// directory: then both are loaded again.
+    /// Loads the tail and the directory before it. If the tail becomes full meanwhile, it moves
+    /// into the directory: both are then loaded again.
     [[nodiscard]] bool load() {
         tail_ = word(kTail).load_acquire();
         for (int tries = 0; tries < kLoads; ++tries) {
             load_directory(word(kDirectory).load_acquire());
-            // Flags are set before the samples that they speak of.
+            // The writer sets flags before the samples that they describe.
             topology_ = word(kTopology).load_acquire();
-            // Numbers from a block that was used again lead anywhere.
+            // Words of a reused block may point anywhere.
             if (!confirm())
                 return false;
             const std::uint64_t last =
                 end_ > begin_ ? directory().entry(end_ - 1).load_acquire() : 0;
             const std::uint64_t again = word(kTail).load_acquire();
             if (SegmentWord::block(again) == SegmentWord::block(tail_)) {
-                // The writer puts a full tail into the directory before it takes a new one.
+                // The writer puts a full tail into the directory before it starts a new one.
                 if (last != 0 && SegmentWord::block(last) == SegmentWord::block(tail_))
                     --end_;
                 return true;
@@ -286,11 +287,11 @@ private:
             end_ = directory().end();
             begin_ = directory().begin(end_);
         }
-        // Evictions are announced before.
+        // The writer raises kForgotten before it evicts.
         forgotten_ = word(kForgotten).load_relaxed();
     }
-    /// The version before the last clear, or one before that. Where that clear was taken back, its
-    /// version goes on in the header: as long as no other clear begins.
+    /// Loads the version before the last clear, or an earlier one. If that clear was rolled back,
+    /// its version continues in the header until the next clear begins.
     [[nodiscard]] bool load_older() {
         const std::uint64_t older = word(kOlder).load_acquire();
         if ((older & kTakenBack) != 0 && (!load() || word(kOlder).load_acquire() != older))
@@ -309,7 +310,7 @@ private:
             const Offset directory = old(kOldDirectory);
             const std::uint64_t end = old(kOldEnd);
             version = memory::inside(*memory_, old(kOldOlder));
-            // In a circle only where it was damaged.
+            // Circular only if damaged.
             if (!confirm() || since >= newer)
                 return false;
             newer = since;
@@ -327,7 +328,7 @@ private:
 
     [[nodiscard]] std::uint64_t entry(std::uint64_t k) const {
         const std::uint64_t found = directory().entry(k).load_acquire();
-        // A word from a block that was used again leads anywhere.
+        // A word of a reused block may point anywhere.
         if (confirm())
             return found;
         overtaken_ = true;
@@ -351,7 +352,7 @@ private:
         }
     }
 
-    /// Index of the first sample in a segment whose stamp is greater.
+    /// Index of the first sample in a segment with a greater stamp.
     [[nodiscard]] std::uint64_t find_index(const Segment<Memory>& segment, std::uint64_t k,
                                            StampNs stamp) const {
         if (segment.empty())
@@ -372,7 +373,8 @@ private:
                       segment.end(),
                       guess_at(static_cast<double>(stamp - first), rate, segment.begin()), stamp);
     }
-    /// Before the first sample with a greater stamp, and behind some sample if one exists.
+    /// The position before the first sample with a greater stamp, and after some sample if one
+    /// exists.
     [[nodiscard]] Spot locate(StampNs stamp) const {
         std::uint64_t k = directory().find(begin_, end_, {*memory_, tail_}, stamp);
         for (;;) {
@@ -384,7 +386,8 @@ private:
         }
     }
 
-    /// The directory's; 0, which keeps all that follows within the block, if it is one no more.
+    /// The directory's capacity; 0, which keeps all following reads inside the block, if the block
+    /// was reused.
     [[nodiscard]] std::uint64_t capacity() const {
         const std::uint64_t found = directory().capacity();
         if (confirm())
@@ -392,7 +395,8 @@ private:
         overtaken_ = true;
         return 0;
     }
-    /// Level of the largest node of which an entry is the first, or the entry before it the last.
+    /// Level of the largest node whose first entry is `k`, or whose last entry is the one before
+    /// `k`.
     [[nodiscard]] unsigned largest_from(std::uint64_t k) const {
         unsigned level = 0;
         while (k % Dir::segments(level + 1) == 0 && k + Dir::segments(level + 1) <= end_)
@@ -405,8 +409,8 @@ private:
             ++level;
         return level;
     }
-    /// Behind the last entry before a place that has samples of commit `first` or later ones; else
-    /// the first of all.
+    /// The position behind the last entry before `k` that has samples of commit `first` or later;
+    /// otherwise the first entry.
     [[nodiscard]] std::uint64_t skip_older(std::uint64_t k, std::uint64_t capacity,
                                            CommitNumber first) const {
         const auto is_older = [&](unsigned level) {
@@ -422,7 +426,7 @@ private:
         }
         return k;
     }
-    /// The first segment at or behind an entry that has samples as old as the snapshot; else the
+    /// The first segment at or after an entry with samples as old as the snapshot; otherwise the
     /// tail.
     [[nodiscard]] std::uint64_t first_as_old(std::uint64_t k) const {
         const std::uint64_t capacity = k < end_ ? this->capacity() : 0;
@@ -436,7 +440,7 @@ private:
         }
         return end_;
     }
-    /// The last segment before a place that has some; else the first of all.
+    /// The last such segment before an entry; otherwise the first segment.
     [[nodiscard]] std::uint64_t last_as_old(std::uint64_t k) const {
         const std::uint64_t capacity = k > begin_ ? this->capacity() : 0;
         while (k > begin_) {
@@ -457,7 +461,8 @@ private:
     [[nodiscard]] bool all_too_new(const Segment<Memory>& segment) const {
         return segment.meta(kLeast).load_relaxed() > snapshot_;
     }
-    /// The last visible sample before a place. Of equal stamps the later one is the newer commit's.
+    /// The last visible sample before a position. Of equal stamps, the later sample belongs to the
+    /// newer commit.
     [[nodiscard]] Spot last_visible(Spot at) const {
         for (;;) {
             const std::uint64_t begin = at.segment.begin();
@@ -477,7 +482,7 @@ private:
             at.index = at.segment.end();
         }
     }
-    /// The first visible sample from a place on; of those with the same stamp the newest one.
+    /// The first visible sample from a position on; of equal stamps, the newest sample.
     [[nodiscard]] Spot first_visible(Spot at) const {
         Spot best = at;
         best.found = false;
@@ -500,8 +505,8 @@ private:
             at.index = at.segment.begin();
         }
     }
-    /// Calls visit(sample) for the visible ones from a place on, until it returns false; of those
-    /// with the same stamp for the newest one.
+    /// Calls visit(sample) for the visible samples from a position on, until it returns false; of
+    /// equal stamps, for the newest sample only.
     template <class Visit>
     void visit_from(Spot at, Visit visit) const {
         SampleAt last;
@@ -526,8 +531,8 @@ private:
         if (last)
             visit(last);
     }
-    /// The largest node that begins with a segment and holds for the snapshot, or the segment
-    /// itself. Gives the segment behind.
+    /// Adds the largest node that begins with the segment and holds for the snapshot, or the
+    /// segment itself. Returns the segment behind it.
     [[nodiscard]] std::uint64_t add_from(std::uint64_t k, std::uint64_t capacity,
                                          Extent& out) const {
         for (unsigned level = largest_from(k);; --level) {
@@ -543,7 +548,7 @@ private:
             }
         }
     }
-    /// Before all samples that have the stamp of this one.
+    /// The position before all samples with this sample's stamp.
     [[nodiscard]] Spot first_of_its_stamp(Spot at) const {
         const StampNs stamp = at.segment.stamp(at.index);
         if (at.index > at.segment.begin() && at.segment.stamp(at.index - 1) != stamp)
@@ -555,7 +560,7 @@ private:
     Offset header_ = 0;
     CommitNumber snapshot_ = 0;
     std::uint64_t epoch_ = 0;
-    CommitNumber ended_ = 0;  // versions that ended later are needed
+    CommitNumber ended_ = 0;  // versions that ended after this commit are needed
     StampNs history_ = 0;
     std::uint64_t tail_ = 0;
     Offset directory_ = 0;

@@ -1,11 +1,11 @@
-// The writer's side of one edge: append, take late samples, clear, evict, take back.
+// The writer's side of one edge: append, insert late samples, clear, evict, roll back.
 //
-// Readers go on beside all of it. What they look at stays as it is: new samples go into slots that
-// no reader was ever sent to, a late one into a copy of its segment, and one store of a word makes
-// it part of the edge. Samples carry the number of their commit: those of an unpublished commit
-// are invisible. To take a commit back is to leave its samples out at the ends of segments,
-// and to mark those in their midst (`trim`): it needs nothing but the number of the last commit, so
-// it can be done after a writer's death as well, and again where it was interrupted.
+// Readers run concurrently, so what they read never changes. New samples go into slots that no
+// reader was ever sent to; a late one goes into a copy of its segment. One store of a word makes
+// the sample part of the edge. Samples carry the number of their commit: those of an unpublished
+// commit are invisible. A rollback (`trim`) excludes the commit's samples at the ends of segments
+// and marks those inside. It needs only the number of the last commit, so it also works after a
+// writer's death, and again after an interruption.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@
 
 namespace tfdb::history {
 
-/// What writers must know of readers. Threads: those of the implementation. Guarantee: the same.
+/// The state of readers that writers depend on. Threads and guarantee: the implementation's.
 class Readers {
 public:
     Readers() = default;
@@ -30,18 +30,20 @@ public:
     Readers& operator=(const Readers&) = delete;
     virtual ~Readers() = default;
 
-    /// The oldest state that may still be read. What neither it nor a later one shows may go.
+    /// The oldest state that may still be read. Data that neither it nor a later state shows can be
+    /// freed.
     [[nodiscard]] virtual CommitNumber oldest_read() = 0;
-    /// A read that begins in this epoch cannot reach what was taken out of use before the call.
+    /// A read that begins in this epoch cannot reach blocks that were retired before the call.
     [[nodiscard]] virtual std::uint64_t next_epoch() = 0;
-    /// Begins it. No read under way that must not be overtaken began before the epoch returned.
+    /// Begins the next epoch. Returns an epoch: no protected read in progress began before it.
     [[nodiscard]] virtual std::uint64_t begin_epoch() = 0;
-    /// So many bytes more are kept for held states alone; modulo 2^64.
+    /// Adds to the bytes that are kept for held states alone; modulo 2^64.
     virtual void held(std::uint64_t bytes) = 0;
 };
 
-/// The part of the commit in progress that edges need.
-/// Threads: the writer's. Guarantee: asks `readers` as little as it can, for that costs a fence.
+/// The data of the current commit that edges need.
+/// Threads: the writer's. Guarantee: calls `readers` as rarely as possible, for each call costs a
+/// fence.
 class WriteContext {
 public:
     /// `newest`: the newest published commit; samples are tagged with the next one.
@@ -49,7 +51,7 @@ public:
         : committed(newest), history(retained), readers_(&readers) {}
 
     [[nodiscard]] CommitNumber number() const { return committed + 1; }
-    /// As Readers', but never newer than what is committed.
+    /// As Readers', but never newer than the newest published commit.
     [[nodiscard]] CommitNumber oldest_read() const {
         if (!asked_) {
             oldest_ = std::min(readers_->oldest_read(), committed);
@@ -58,9 +60,10 @@ public:
         return oldest_;
     }
     [[nodiscard]] bool is_held() const { return oldest_read() < committed; }
-    /// Held snapshots may have been given up since, for what was written meanwhile.
+    /// Asks the readers again: held snapshots may have been dropped since, and they limited this
+    /// commit.
     void ask_again() const { asked_ = asked_ && oldest_ == committed; }
-    /// Held snapshots count no more: memory for them is used up.
+    /// Ignores held snapshots from now on: memory for them is exhausted.
     void give_up_snapshots() const {
         asked_ = true;
         oldest_ = committed;
@@ -76,7 +79,7 @@ private:
     mutable CommitNumber oldest_ = 0;
 };
 
-/// A sample as the writer hands it in.
+/// A sample as passed to the writer.
 template <class Memory>
 struct NewSample {
     StampNs stamp = 0;  // or kStaticStamp
@@ -84,13 +87,13 @@ struct NewSample {
     std::array<std::uint64_t, Memory::kPayloadWords> payload{};
 };
 
-/// Fills a slot, and the stamp that belongs to it.
+/// Fills a slot and the stamp that belongs to it.
 template <class Memory>
 void store_sample(Memory& memory, const Segment<Memory>& into, std::uint64_t index,
                   const NewSample<Memory>& sample, CommitNumber commit) {
     const Offset slot = into.slot(index);
     memory.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
-    // Unrolled, what was just made stays in registers.
+    // Unrolled, so that new values stay in registers.
 #pragma GCC unroll 8
     for (unsigned i = 0; i < Memory::kPayloadWords; ++i)
         memory.word(slot + 8 * (1 + Offset{i})).store_relaxed(sample.payload[i]);
@@ -99,7 +102,7 @@ void store_sample(Memory& memory, const Segment<Memory>& into, std::uint64_t ind
 
 using memory::Line;
 
-/// Releases what waits in a line beyond `keep` bytes. True: more is waiting.
+/// Releases a line's waiting blocks beyond `keep` bytes. True: more are waiting.
 template <class Memory>
 bool reclaim(Memory& memory, const WriteContext& context, Line line, std::size_t keep) {
     if (memory.retired_bytes(line) <= keep)
@@ -107,7 +110,7 @@ bool reclaim(Memory& memory, const WriteContext& context, Line line, std::size_t
     return memory.reclaim(
         line, line == Line::kEnded ? context.oldest_read() : context.readers().begin_epoch(), keep);
 }
-/// Takes a block out of use that readers may still look at.
+/// Retires a block that readers may still access.
 template <class Memory>
 void retire(Memory& memory, const WriteContext& context, Line line, Offset block,
             std::size_t bytes) {
@@ -126,7 +129,7 @@ void retire_segment(Memory& memory, const WriteContext& context, Line line, std:
     retire(memory, context, line, segment.block(), bytes);
 }
 
-/// A block that no other code refers to yet: it is freed unless it is put to use.
+/// A block that nothing refers to yet: it is freed unless `use` is called.
 /// Threads: one. Guarantee: as the memory's.
 template <class Memory>
 class NewBlock {
@@ -152,7 +155,7 @@ private:
     std::size_t bytes_;
 };
 
-/// A new segment without samples; what is put into it counts once its word is stored.
+/// A new segment without samples; samples in it count once its word is stored.
 /// Threads: one. Guarantee: as the memory's.
 template <class Memory>
 class NewSegment : public NewBlock<Memory> {
@@ -169,7 +172,7 @@ public:
     }
 
     [[nodiscard]] Segment<Memory> segment() const { return {memory_, word()}; }
-    /// The next sample's place.
+    /// Sets the index of the next sample.
     void start_at(std::uint64_t index) { begin_ = end_ = index; }
     [[nodiscard]] std::uint64_t word() const {
         return SegmentWord::only(into_.word(), begin_, end_);
@@ -206,49 +209,50 @@ private:
     CommitNumber greatest_ = 0;
 };
 
-/// Adds samples of the commit in progress to one edge, and takes them back. Nothing that it writes
-/// is seen by a reader before the store publishes the commit. Threads: only the holder of the
-/// commit lock, or of the frame's. Guarantee: readers are never blocked; whatever throws, or ends
-/// amid its work, `trim` leaves what was committed.
+/// Adds samples of the current commit to one edge, and rolls them back. Readers see nothing of it
+/// before the store publishes the commit. Threads: only the holder of the commit lock, or of the
+/// frame's. Guarantee: readers are never blocked. If a call throws or the process dies in it,
+/// `trim` restores the committed samples.
 template <class Memory>
 class EdgeWriter : public EdgeSegments<Memory> {
 public:
     using EdgeSegments<Memory>::EdgeSegments;
 
-    /// Tags one sample with the context's commit and puts it where its stamp belongs, behind those
-    /// of the same stamp. O(1) at the newest and at the oldest end. May throw CapacityExceeded.
+    /// Tags one sample with the context's commit and inserts it by its stamp, after those with an
+    /// equal stamp. O(1) at the newest and at the oldest end. May throw CapacityExceeded.
     void append(const WriteContext& context, const NewSample<Memory>& sample);
-    /// The same for many, in the order of their stamps: what lies before the tail is copied once.
+    /// The same for many samples in stamp order: the segments before the tail are copied once.
     void append(const WriteContext& context, std::span<const NewSample<Memory>> samples);
-    /// The same where none is older than another or than what the edge has: one store for each
-    /// segment that they fill. `sample(i)` gives them.
+    /// The same if no sample is older than the previous one or than the edge's samples: one store
+    /// per segment that they fill. `sample(i)` returns them.
     template <class Sample>
     void append_behind(const WriteContext& context, std::size_t count, Sample sample);
 
-    /// Makes room for samples that come one after another behind all others: to append them cannot
-    /// fail then. False: so many cannot be announced. May throw as `append`.
+    /// Reserves space for that many samples in order after all others, so that appending them
+    /// cannot fail. False: too many to reserve. May throw as `append`.
     [[nodiscard]] bool reserve(const WriteContext& context, std::uint64_t samples);
 
-    /// Hides all samples: later ones begin a new version of the edge. At most once in a commit.
+    /// Hides all samples: later ones begin a new version of the edge. At most once per commit.
     void clear(const WriteContext& context);
-    /// How many samples came out of order: those to come are counted from there.
+    /// Sets the count of out-of-order samples; later ones add to it.
     void set_late(const WriteContext& context, std::uint64_t samples);
-    /// After the commit that cleared the edge is published: older snapshots alone need what it was.
+    /// Call after the commit that cleared the edge is published: only older snapshots need the old
+    /// version.
     void retire_older(const WriteContext& context);
 
-    /// Takes out of use all segments of which no state that is still read retains anything; the
-    /// tail stays. What is appended does so bit by bit.
+    /// Retires all segments that no readable state retains, except the tail. `append` does this
+    /// step by step.
     void evict_all(const WriteContext& context);
 
-    /// Leaves out all that is newer than what is committed. Allocates nothing.
+    /// Excludes all samples newer than the committed ones. Allocates nothing.
     void trim(const WriteContext& context);
 
-    /// After the sample `parent` has become the newest parent: hint for walks.
+    /// Call after the sample's `parent` has become the newest parent: a hint for walks.
     void set_depth_hint(std::uint32_t depth);
 
-    /// The frame was removed: only states that are held show it.
+    /// Call after the frame was removed: only held states show it.
     void hold_all(const WriteContext& context);
-    /// Gives back all memory: no readable state has the frame.
+    /// Frees all memory: no readable state has the frame.
     void release(const WriteContext& context);
 
 private:
@@ -267,7 +271,7 @@ private:
     using Sizes = Tuning<Memory>;
     static constexpr std::uint64_t kFull = std::uint64_t{1} << Sizes::kFullLog2;
     static constexpr std::uint64_t kLargest = std::uint64_t{1} << Sizes::kLargestLog2;
-    static constexpr unsigned kMostEvicted = 64;  // segments at once, so that no commit takes long
+    static constexpr unsigned kMostEvicted = 64;  // segments per call, so that no commit takes long
     static_assert(Sizes::kLargestLog2 < 12, "a segment's word counts to 4095");
 
     [[nodiscard]] Seg tail() const { return segment(this->word(kTail).load_relaxed()); }

@@ -1,4 +1,4 @@
-// EdgeWriter's functions.
+// The member functions of EdgeWriter.
 #pragma once
 
 #include "tfdb/history/edge_writer.hpp"
@@ -42,7 +42,7 @@ void EdgeWriter<Memory>::append(const WriteContext& context,
     }
 }
 
-/// The header's other words, before the sample becomes part of the edge.
+/// Updates the header's other words before the sample becomes part of the edge.
 template <class Memory>
 void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memory>& sample,
                               const SampleAt& newest) {
@@ -69,18 +69,18 @@ void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memor
         Topology::kMixedParents);
 }
 
-/// Into a slot that is not published yet.
+/// Writes into an unpublished slot.
 template <class Memory>
 void EdgeWriter<Memory>::write(const WriteContext& context, const Seg& into, std::uint64_t index,
                                const NewSample<Memory>& sample) {
     store_sample(memory_, into, index, sample, context.number());
-    // Where there are others, they are older.
+    // If there are others, they are older.
     if (into.empty())
         into.meta(kLeast).store_relaxed(context.number());
 }
 
-/// Where the limit is reached, what waits for readers is used first, and in the end also what held
-/// snapshots need: they make writers take more memory, but never stop them.
+/// If the limit is reached, it uses retired blocks first, and at last those that held snapshots
+/// need: snapshots make writers use more memory, but never stop them.
 template <class Memory>
 template <class Work>
 void EdgeWriter<Memory>::with_memory(const WriteContext& context, Work work) {
@@ -130,13 +130,13 @@ void EdgeWriter<Memory>::append_behind(const WriteContext& context, std::size_t 
                           [&](std::size_t i) -> decltype(auto) { return sample(done + i); });
 }
 
-/// As many as fit into one segment; returns their number.
+/// Appends as many samples as fit into one segment; returns their number.
 template <class Memory>
 template <class Sample>
 std::size_t EdgeWriter<Memory>::fill_tail(const WriteContext& context, std::size_t count,
                                           Sample sample) {
     const Seg before = this->tail();
-    // A small tail grows at once to what is to come.
+    // A small tail grows at once to the size that the coming samples need.
     const bool grows = SegmentWord::capacity(before.word()) < kFull;
     make_room(context, grows ? std::min<std::uint64_t>(count, kFull - before.end()) : 1);
     const Seg tail = this->tail();
@@ -147,7 +147,7 @@ std::size_t EdgeWriter<Memory>::fill_tail(const WriteContext& context, std::size
     FrameId parent = kNoFrame;
     for (std::size_t i = 0; i < count; ++i) {
         const NewSample<Memory>& next = sample(i);
-        // What follows one of the same parent changes nothing of the header's.
+        // A sample with the same parent as the one before changes no other header word.
         if (next.parent != parent)
             note(context, next, newest);
         parent = next.parent;
@@ -181,14 +181,14 @@ bool EdgeWriter<Memory>::reserve(const WriteContext& context, std::uint64_t samp
     return true;
 }
 
-/// An edge that has had late samples keeps room for some in a segment that is sealed.
+/// An edge that has had late samples leaves some space in a segment when it is sealed.
 template <class Memory>
 std::uint64_t EdgeWriter<Memory>::spare(std::uint64_t capacity) const {
     return capacity == kFull && this->word(kLate).load_relaxed() != 0 ? kFull / 16 : 0;
 }
 
-/// Room in the tail. A full one goes on in a copy with room for as many samples as it needs, but no
-/// smaller than half of it; a large one is sealed and a new one begun.
+/// Provides space in the tail. A full tail continues in a copy with space for as many samples as it
+/// needs, but at least half its size. A large one is sealed and a new one begun.
 template <class Memory>
 void EdgeWriter<Memory>::make_room(const WriteContext& context, std::uint64_t samples) {
     const Seg full = tail();
@@ -233,7 +233,7 @@ void EdgeWriter<Memory>::copy_tail(const WriteContext& context, const Seg& full,
     heal_parents();
 }
 
-/// The tail goes to the directory, and an empty one takes its place.
+/// Moves the tail into the directory; an empty one takes its place.
 template <class Memory>
 void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_capacity) {
     NewSegment<Memory> next(memory_, next_capacity);
@@ -259,20 +259,20 @@ void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_ca
 
 // -- blocks that no state needs -----------------------------------------------------------------
 
-/// States before the oldest that is still read may miss something from now on.
+/// From now on, states before the oldest readable one may miss samples.
 template <class Memory>
 void EdgeWriter<Memory>::forget(const WriteContext& context, HeaderWord what) {
     if (this->word(what).load_relaxed() < context.oldest_read())
         this->word(what).store_relaxed(context.oldest_read());
 }
 
-/// Below it nothing is retained beside a newest sample. Static poses have no age.
+/// Below this stamp only a newest sample is retained. Static poses have no age.
 template <class Memory>
 StampNs EdgeWriter<Memory>::retained_from(const WriteContext& context, StampNs newest) {
     return newest >= 0 ? newest - context.history : std::numeric_limits<StampNs>::min() / 2;
 }
 
-/// Below it nothing is retained in any state that is still read and shows this version.
+/// Below this stamp nothing is retained in any readable state that shows this version.
 template <class Memory>
 StampNs EdgeWriter<Memory>::cutoff(const WriteContext& context) const {
     const CommitNumber state = std::max(context.oldest_read(), this->began());
@@ -285,7 +285,7 @@ StampNs EdgeWriter<Memory>::cutoff(const WriteContext& context) const {
     return retained_from(context, newest.stamp);
 }
 
-/// Whether every state that is still read shows a later commit's sample of the same stamp instead.
+/// Whether every readable state shows a later commit's sample of the same stamp instead.
 template <class Memory>
 bool EdgeWriter<Memory>::superseded(const WriteContext& context, const Seg& in,
                                     std::uint64_t index) const {
@@ -298,10 +298,10 @@ bool EdgeWriter<Memory>::is_needed(const WriteContext& context, const Seg& in,
     return in.commit(index) != SlotWord::kNever && !superseded(context, in, index);
 }
 
-/// Of a tail that has nothing before it: the first sample that some state still shows.
+/// In a tail without segments before it: the first sample that some state still shows.
 template <class Memory>
 std::uint64_t EdgeWriter<Memory>::first_needed(const WriteContext& context, const Seg& full) const {
-    // To learn what may go costs more than to see that nothing can.
+    // Computing what can be evicted costs more than this check.
     const bool any_old = !full.empty() && full.stamp(full.begin()) <
                                               retained_from(context, full.stamp(full.end() - 1));
     if (begin() != end() || !any_old)
@@ -318,7 +318,7 @@ std::uint64_t EdgeWriter<Memory>::count_needed(const WriteContext& context, cons
     return needed;
 }
 
-/// Whole segments of which nothing is retained.
+/// Evicts whole segments that no state retains.
 template <class Memory>
 void EdgeWriter<Memory>::evict(const WriteContext& context) {
     const Dir directory = this->directory();
@@ -332,7 +332,7 @@ void EdgeWriter<Memory>::evict(const WriteContext& context) {
         };
         if (is_needed())
             break;
-        // To learn what readers need costs more than to see that some of it is old.
+        // Asking the readers costs more than this check for old samples.
         if (evicted == 0) {
             const StampNs old = limit;
             limit = cutoff(context);
@@ -362,8 +362,8 @@ void EdgeWriter<Memory>::evict_all(const WriteContext& context) {
     }
 }
 
-/// Segments just before the tail of which nothing is shown any more: all have the stamp with which
-/// the tail begins. Only under held states do so many gather.
+/// Evicts segments just before the tail that no state shows: all their samples have the stamp with
+/// which the tail begins. Only held states let so many accumulate.
 template <class Memory>
 void EdgeWriter<Memory>::drop_superseded(const WriteContext& context, const Seg& tail) {
     const auto is_superseded = [&](const Seg& in, const Seg& by) {
@@ -392,14 +392,14 @@ void EdgeWriter<Memory>::drop_superseded(const WriteContext& context, const Seg&
     heal_parents();
 }
 
-/// Notes how much of a segment only held states show.
+/// Records the bytes of a segment that only held states show.
 template <class Memory>
 void EdgeWriter<Memory>::hold(const WriteContext& context, const Seg& in, std::uint64_t bytes) {
     auto& held = in.meta(kHeld);
     context.readers().held(bytes - held.load_relaxed());
     held.store_relaxed(bytes);
 }
-/// Notes that only held states show any of it. False: that was known.
+/// Records that only held states show the whole segment. False: that was already recorded.
 template <class Memory>
 bool EdgeWriter<Memory>::hold_all_of(const WriteContext& context, std::uint64_t word) {
     const std::size_t all = Seg::bytes(SegmentWord::capacity(word));
@@ -408,8 +408,8 @@ bool EdgeWriter<Memory>::hold_all_of(const WriteContext& context, std::uint64_t 
     hold(context, segment(word), all);
     return true;
 }
-/// Notes how much of a segment that was just filled only held states show: what is older than the
-/// history, and of samples with one stamp all but the last.
+/// Records the bytes of a newly filled segment that only held states show: samples older than the
+/// history, and of equal stamps all but the last.
 template <class Memory>
 void EdgeWriter<Memory>::hold_unshown(const WriteContext& context, const Seg& in) {
     if (in.empty() || !context.is_held())
@@ -424,7 +424,8 @@ void EdgeWriter<Memory>::hold_unshown(const WriteContext& context, const Seg& in
     const std::uint64_t held = all * unshown / SegmentWord::count(in.word());
     hold(context, in, std::max(held, in.meta(kHeld).load_relaxed()));
 }
-/// Of segments that end before a stamp, the older ones are known sooner.
+/// Records this for the segments that end before a stamp, latest first: older ones were recorded
+/// earlier.
 template <class Memory>
 void EdgeWriter<Memory>::hold_before(const WriteContext& context, StampNs stamp) {
     for (std::uint64_t k = segment_of(stamp); k > begin() && hold_all_of(context, word_of(k - 1));)
@@ -436,7 +437,7 @@ void EdgeWriter<Memory>::hold_all(const WriteContext& context) {
         hold_all_of(context, word_of(k));
 }
 
-/// Once what named another parent is gone, all name one.
+/// Once all samples with another parent are evicted, all name one parent.
 template <class Memory>
 void EdgeWriter<Memory>::heal_parents() {
     if ((this->topology() & Topology::kMixedParents) == 0)
@@ -458,7 +459,7 @@ void EdgeWriter<Memory>::heal_parents() {
 
 // -- among the others ---------------------------------------------------------------------------
 
-/// Makes a segment with a new sample at `index` part of the edge, in place of another one.
+/// Puts a segment with a new sample at `index` into the edge, in place of another segment.
 template <class Memory>
 void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std::uint64_t index) {
     if (k == end()) {
@@ -474,7 +475,7 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std:
     directory.replace(k, in, index);
 }
 
-/// How many there were before the commit is kept for `trim`.
+/// Saves the count from before the commit for `trim`.
 template <class Memory>
 void EdgeWriter<Memory>::set_late(const WriteContext& context, std::uint64_t samples) {
     if (this->word(kLateSince).load_relaxed() != context.number()) {
@@ -484,8 +485,8 @@ void EdgeWriter<Memory>::set_late(const WriteContext& context, std::uint64_t sam
     this->word(kLate).store_relaxed(samples);
 }
 
-/// How many samples make a segment among others full. Each late one copies its segment, so they are
-/// small, until there are so many that the directory costs more.
+/// The capacity of a segment among others. Each late sample copies its segment, so segments are
+/// small until they are so many that the directory costs more.
 template <class Memory>
 std::uint64_t EdgeWriter<Memory>::most_amid() const {
     constexpr std::uint64_t kMany = std::uint64_t{1} << 13;
@@ -539,7 +540,7 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
                                         const NewSample<Memory>& sample) {
     const Seg old = segment(word_of(k));
     NewSegment<Memory> made(memory_, capacity);
-    // A sample before all others may be followed by more of the kind: they find room.
+    // A sample before all others may be followed by more: the segment leaves space for them.
     if (index == old.begin() && k == begin())
         made.start_at(capacity - SegmentWord::count(old.word()) - 1);
     for (std::uint64_t i = old.begin(); i <= old.end(); ++i) {
@@ -556,7 +557,7 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
     retire_segment(memory_, context, Line::kReplaced, old.word());
 }
 
-/// A new segment before all others, which is filled from its end.
+/// A new segment before all others, filled from its end.
 template <class Memory>
 void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample<Memory>& sample) {
     NewSegment<Memory> made(memory_, kFull);
@@ -568,7 +569,7 @@ void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample
     };
     this->word(kReshaped).store_relaxed(context.number());
     const std::uint64_t k = begin();
-    // Readers may still look at an entry that was evicted.
+    // Readers may still access an evicted entry.
     if (this->directory().block() != 0 && k > 0 &&
         this->directory().word(kDirLowest).load_relaxed() == k) {
         enter(this->directory(), k - 1);
@@ -582,8 +583,8 @@ void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample
     made.use();
 }
 
-/// Late samples, all before the tail. The segments that they belong to, and the directory, are
-/// copied once; where they are too many for a segment, several take its place.
+/// Inserts late samples that all precede the tail. Their segments and the directory are copied
+/// once; samples that exceed a segment's capacity are split into several segments.
 template <class Memory>
 void EdgeWriter<Memory>::insert_run(const WriteContext& context,
                                     std::span<const NewSample<Memory>> run,
@@ -639,7 +640,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
     evict(context);
 }
 
-/// What is needed of a segment together with new samples, in as many segments as they fill.
+/// Merges the retained samples of a segment with new samples, in as many segments as they fill.
 template <class Memory>
 void EdgeWriter<Memory>::merge(const WriteContext& context, std::uint64_t k,
                                std::span<const NewSample<Memory>> samples,
@@ -673,8 +674,8 @@ void EdgeWriter<Memory>::merge(const WriteContext& context, std::uint64_t k,
 
 // -- the directory ------------------------------------------------------------------------------
 
-/// Readers go on in the old one, which leads to the same samples. `enter(directory, at)` fills in
-/// the added entries, which take the place of `removed` ones from `at` on.
+/// Readers continue in the old directory, which leads to the same samples. `enter(directory, at)`
+/// fills in the added entries, which replace `removed` ones from `at` on.
 template <class Memory>
 template <class Enter>
 void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64_t at,
@@ -685,7 +686,7 @@ void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64
     const std::uint64_t entries = last - first + added - removed;
     const std::uint64_t room = entries / 4 + 1;
     const std::uint64_t front = added > removed && at == first ? room : 1;
-    // Of few sizes, so that one that comes free serves again.
+    // Power-of-two sizes, so that freed blocks fit again.
     const std::uint64_t capacity = std::bit_ceil(front + entries + room);
     NewBlock<Memory> block(memory_, Dir::bytes(capacity));
     const Dir made(memory_, block.offset());
@@ -719,7 +720,7 @@ void EdgeWriter<Memory>::retire_directory(const WriteContext& context, Line line
 
 // -- versions -----------------------------------------------------------------------------------
 
-/// Older snapshots are sent to the version that ends here before anything else is changed.
+/// Sends older snapshots to the version that ends here before anything else changes.
 template <class Memory>
 void EdgeWriter<Memory>::clear(const WriteContext& context) {
     NewBlock<Memory> block(memory_, kVersionBytes);
@@ -735,7 +736,7 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
     keep(kOldSince, this->began());
     keep(kOldOlder, goes_on ? memory_.word(before + 8 * Offset{kOldOlder}).load_relaxed() : before);
     keep(kOldEnd, end());
-    // Where a clear was taken back before, a death before the next store leaves another such.
+    // If an earlier clear was rolled back, a death before the next store leaves another one.
     if (goes_on)
         this->word(kSince).store_release(context.number());
     this->word(kOlder).store_release(block.offset());
@@ -801,7 +802,7 @@ void EdgeWriter<Memory>::trim(const WriteContext& context) {
     restore_topology();
 }
 
-/// The segment without newer samples at its ends; those in its midst are marked.
+/// The segment without newer samples at its ends; newer samples inside are marked.
 template <class Memory>
 std::uint64_t EdgeWriter<Memory>::trimmed(const WriteContext& context, std::uint64_t word) const {
     const Seg in = segment(word);
@@ -826,7 +827,7 @@ void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
         return;
     const Dir directory = this->directory();
     const std::uint64_t tail = SegmentWord::block(this->word(kTail).load_relaxed());
-    // Sealed, but not yet followed by another tail.
+    // Sealed, but not yet followed by a new tail.
     if (tail != 0 && SegmentWord::block(directory.entry(end() - 1).load_relaxed()) == tail)
         directory.word(kDirEnd).store_release(end() - 1);
     for (std::uint64_t k = begin(); k < end(); ++k) {
@@ -853,7 +854,7 @@ void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
     this->directory().update_rate();
 }
 
-/// The version that was to end goes on.
+/// Continues the version that the clear was to end.
 template <class Memory>
 void EdgeWriter<Memory>::trim_version(const WriteContext& context) {
     const Offset block = version(this->word(kOlder).load_relaxed());
@@ -867,12 +868,12 @@ void EdgeWriter<Memory>::trim_version(const WriteContext& context) {
     this->word(kDirectory).store_release(old(kOldDirectory));
     this->word(kTail).store_release(old(kOldTail));
     this->word(kOlder).store_release(block | kTakenBack);
-    // After a death amid the clear, or amid this, they are the old version's already.
+    // After a death during the clear, or during this, they may already be the old version's.
     retire_all(context, Line::kReplaced, tail == old(kOldTail) ? 0 : tail,
                directory == old(kOldDirectory) ? 0 : directory);
 }
 
-/// Parent and kind are those of the newest sample.
+/// Sets parent and kind to those of the newest sample.
 template <class Memory>
 void EdgeWriter<Memory>::restore_topology() {
     const SampleAt newest = newest_sample();
@@ -890,8 +891,7 @@ void EdgeWriter<Memory>::restore_topology() {
 
 template <class Memory>
 void EdgeWriter<Memory>::set_depth_hint(std::uint32_t depth) {
-    // A reader of this word must see all that its flags stand for, as with every other store to
-    // it.
+    // A reader of this word must see all that its flags describe, as with every other store to it.
     this->word(kTopology).store_release(
         Topology::with_parent(this->topology(), Topology::parent(this->topology()), depth));
 }

@@ -1,4 +1,4 @@
-// How one frame's history lies in the region: the header's words, versions, slots.
+// The layout of one frame's history in the region: header words, versions, slots.
 #pragma once
 
 #include <bit>
@@ -14,42 +14,42 @@ namespace tfdb::history {
 
 using clock::StampNs;
 
-/// Words of a frame's header, 8 bytes each. Line 1 is all that a lookup near the newest sample
-/// touches of it.
+/// Words of a frame's header, 8 bytes each. A lookup near the newest sample reads line 1 only.
 enum HeaderWord : unsigned {
     kTail = 0,         // the segment with the newest samples: see SegmentWord
-    kDirectory = 1,    // block that lists the segments before the tail, or 0
+    kDirectory = 1,    // block with the list of segments before the tail, or 0
     kTopology = 2,     // the one parent, flags, depth hint: see Topology
     kSince = 3,        // older snapshots see the version at kOlder instead
-    kBorn = 4,         // commit that made the frame << kFrameBits | generation
-    kRate = 5,         // samples per ns in the tail, a double's bits: where to guess
-    kChanged = 6,      // commit that wrote here last; too new by one after an abort
-    kForgotten = 7,    // snapshots from this commit on miss nothing that was evicted
+    kBorn = 4,         // commit that created the frame << kFrameBits | generation
+    kRate = 5,         // samples per ns in the tail, a double's bits: for guesses
+    kChanged = 6,      // last commit that wrote here; too high by one after an abort
+    kForgotten = 7,    // snapshots from this commit on miss no evicted sample
     kOlder = 8,        // block with the version before the last clear: see VersionWord
-    kReshaped = 9,     // commit that last changed anything but the tail's end; as kChanged
-    kParentFrom = 10,  // from this stamp on the parent is the same
-    kLate = 11,        // samples that came out of order
-    kDied = 12,        // commit that removed the frame, 0 while it lives
+    kReshaped = 9,     // last commit that changed more than the tail's end; as kChanged
+    kParentFrom = 10,  // the parent is constant from this stamp on
+    kLate = 11,        // number of out-of-order samples
+    kDied = 12,        // commit that removed the frame, 0 while it exists
     kName = 13,        // block of the name: length, then bytes
-    kChildren = 14,    // how many frames have this one as their newest parent
+    kChildren = 14,    // number of frames whose newest parent is this one
     kAuthority = 15,   // id of the last writer
     kLock = 16,        // for engines that lock frames
-    kNextFree = 17,    // id + 1 of the next removed frame that waits for reuse
-    kCorrected = 18,   // older snapshots miss samples that others of the same stamp replaced
-    kLateSince = 19,   // commit that last counted in kLate; too new by one after an abort
-    kLateBefore = 20,  // what kLate was before that
-    kSource = 21,      // where the frame and its samples came from: see SourceWord
+    kNextFree = 17,    // id + 1 of the next removed frame whose slot waits for reuse
+    kCorrected = 18,   // older snapshots miss samples that others of equal stamp replaced
+    kLateSince = 19,   // commit that last changed kLate; too high by one after an abort
+    kLateBefore = 20,  // kLate before that commit
+    kSource = 21,      // sources of the frame and its samples: see SourceWord
     kHeaderWords = 24,
 };
 
 inline constexpr std::size_t kHeaderBytes = kHeaderWords * 8;
 static_assert(kHeaderBytes % memory::kLineBytes == 0, "headers are whole cache lines");
 
-/// The sources, by number, whose commits were applied here: that of which one made the frame, and
-/// that of which one stored the samples of its edge. 0: a writer of this store did.
+/// The numbers of the sources whose commits were applied here: the one that created the frame, and
+/// the one that stored its edge's samples. 0: a writer of this store.
 struct SourceWord {
     static constexpr unsigned kBits = 20;
-    /// Instead of a number: nothing was ever applied, so nothing is noted.
+    /// Replaces a number in a store that never applied a source's commits, so that none is
+    /// recorded.
     static constexpr std::uint64_t kNoSources = ~std::uint64_t{0};
     static constexpr std::uint64_t pack(std::uint64_t maker, std::uint64_t writer) {
         return writer << kBits | maker;
@@ -64,7 +64,7 @@ struct SourceWord {
 inline constexpr StampNs kNoStamp = -1;
 inline constexpr StampNs kStaticStamp = -2;  // the pose is valid at every stamp
 
-/// History of a store that forgets nothing.
+/// History of a store that never evicts.
 inline constexpr StampNs kForever = clock::kMaxStamp;
 
 constexpr StampNs as_stamp(std::uint64_t word) {
@@ -74,25 +74,25 @@ constexpr std::uint64_t as_word(StampNs stamp) {
     return static_cast<std::uint64_t>(stamp);
 }
 
-/// Sizes that matter for speed only. Tests that walk every interleaving specialise them to be tiny.
+/// Sizes that affect only speed. Tests that explore every interleaving specialise them to be tiny.
 template <class Memory>
 struct Tuning {
     static constexpr unsigned kFirstLog2 = 3;     // capacity of an edge's first segment
-    static constexpr unsigned kFullLog2 = 8;      // ... of all but the first
+    static constexpr unsigned kFullLog2 = 8;      // ... of all later ones
     static constexpr unsigned kSmallLog2 = 6;     // ... of those that late samples split
-    static constexpr unsigned kLargestLog2 = 11;  // ... where many samples are announced at once
-    static constexpr unsigned kFanLog2 = 3;       // nodes of a directory in one node above them
-    static constexpr std::size_t kKept = std::size_t{1}
-                                         << 18;     // bytes that wait, for readers' sake
-    static constexpr unsigned kFirstNamesLog2 = 6;  // entries of the first name table
+    static constexpr unsigned kLargestLog2 = 11;  // ... if many samples are reserved at once
+    static constexpr unsigned kFanLog2 = 3;       // nodes of a directory per parent node
+    static constexpr std::size_t kKept = std::size_t{1} << 18;  // retired bytes kept for readers
+    static constexpr unsigned kFirstNamesLog2 = 6;              // entries of the first name table
 };
 
-/// The word with most of what a path needs of a frame.
+/// The word that holds most of what a path needs of a frame.
 struct Topology {
     static constexpr std::uint64_t kParentMask = kNoFrame;
-    static constexpr std::uint64_t kMixedParents = 1ULL << 20;  // ask the samples for the parent
-    static constexpr std::uint64_t kCleared = 1ULL << 22;       // this version began with a clear
-    static constexpr std::uint64_t kMortal = 1ULL << 23;        // the frame was removed: see kDied
+    // the parent must be read from the samples
+    static constexpr std::uint64_t kMixedParents = 1ULL << 20;
+    static constexpr std::uint64_t kCleared = 1ULL << 22;   // this version began with a clear
+    static constexpr std::uint64_t kMortal = 1ULL << 23;    // the frame was removed: see kDied
     static constexpr std::uint64_t kParented = 1ULL << 24;  // some sample named it as its parent
     static constexpr std::uint64_t kFlags = 0xFFFULL << kFrameBits;
 
@@ -110,24 +110,24 @@ struct Topology {
     static constexpr std::uint64_t kRoot = kNoFrame;
 };
 
-/// Words of the block with a version that a clear replaced. It stays as it is; memory keeps words 5
-/// to 7 of a retired block.
+/// Words of the block that holds a version replaced by a clear. It never changes; memory keeps
+/// words 5 to 7 of a retired block.
 enum VersionWord : unsigned {
     kOldTail = 0,
     kOldDirectory = 1,
     kOldTopology = 2,
     kOldSince = 3,
     kOldOlder = 4,
-    kOldEnd = 8,  // of the directory, which goes on to grow where the clear is taken back
+    kOldEnd = 8,  // of the directory, which keeps growing if the clear is rolled back
 };
 inline constexpr std::size_t kVersionBytes = 128;
-/// In kOlder: the clear was taken back, and the version goes on in the header. That clear's block
-/// tells since when, and stays until the next clear.
+/// Flag in kOlder: the clear was rolled back, and the version continues in the header. The clear's
+/// block holds the version's first commit, and stays until the next clear.
 inline constexpr std::uint64_t kTakenBack = 1;
 
-/// First word of a slot: its commit and the parent.
+/// First word of a slot: the sample's commit and parent.
 struct SlotWord {
-    /// Of a sample that was taken back: newer than every readable state.
+    /// Commit of a sample that was rolled back: newer than every readable state.
     static constexpr CommitNumber kNever = kMaxCommit;
 
     static constexpr std::uint64_t pack(CommitNumber commit, FrameId parent) {

@@ -1,4 +1,4 @@
-// A piece of an edge's history: samples in stamp order, in one block; and the list of such pieces.
+// A segment of an edge's history: samples in stamp order, in one block; and the list of segments.
 #pragma once
 
 #include <algorithm>
@@ -11,15 +11,15 @@
 
 namespace tfdb::history {
 
-/// A segment as one word: where its block is and which of its samples count. To store this word is
-/// to append, to insert, to take back. Zero is a segment without a block and without samples.
+/// A segment as one word: its block, and the range of samples that count. One store of this word
+/// appends, inserts or rolls back samples. Zero is a segment without a block or samples.
 struct SegmentWord {
     static constexpr std::uint64_t pack(Offset block, unsigned log2, std::uint64_t begin,
                                         std::uint64_t count) {
         return block / memory::kLineBytes << 28 | std::uint64_t{log2} << 24 | begin << 12 | count;
     }
     static constexpr Offset block(std::uint64_t word) { return (word >> 28) * memory::kLineBytes; }
-    /// The same with unused low bits, for `inside`, which leaves them out.
+    /// The same with arbitrary low bits, for `inside`, which clears them.
     static constexpr Offset near_block(std::uint64_t word) {
         return word >> (28 - std::countr_zero(memory::kLineBytes));
     }
@@ -32,7 +32,7 @@ struct SegmentWord {
     static constexpr std::uint64_t begin(std::uint64_t word) { return word >> 12 & 0xFFF; }
     static constexpr std::uint64_t count(std::uint64_t word) { return word & 0xFFF; }
     static constexpr std::uint64_t end(std::uint64_t word) { return begin(word) + count(word); }
-    /// One sample more behind the last, or before the first.
+    /// One more sample at the end, or at the front.
     static constexpr std::uint64_t with_last(std::uint64_t word) { return word + 1; }
     static constexpr std::uint64_t with_first(std::uint64_t word) {
         return word - (1ULL << 12) + 1;
@@ -45,8 +45,8 @@ struct SegmentWord {
 
 /// Words of a segment's block before its stamps. Memory keeps words 5 to 7 of a retired block.
 enum SegmentMeta : unsigned {
-    kLeast = 0,     // no sample is of an older commit
-    kGreatest = 1,  // of a segment before the tail: no sample is of a newer one
+    kLeast = 0,     // lower bound of the samples' commits
+    kGreatest = 1,  // of a segment before the tail: upper bound of the samples' commits
     kHeld = 2,      // bytes of it that only held states show: see Readers::held
 };
 
@@ -58,7 +58,7 @@ struct SlotData {
     std::array<std::uint64_t, Memory::kPayloadWords> payload{};
 };
 
-/// Where a sample's slot is, and its stamp; none if `slot` is 0.
+/// A sample's slot and stamp; empty if `slot` is 0.
 struct SampleAt {
     Offset slot = 0;
     StampNs stamp = kNoStamp;
@@ -66,8 +66,7 @@ struct SampleAt {
     [[nodiscard]] explicit operator bool() const { return slot != 0; }
 };
 
-/// First index in [low, high) that is greater than `stamp`, where `at(i)` rises with i. Without
-/// branches.
+/// First index in [low, high) with at(i) > stamp, where `at(i)` ascends. Branch-free.
 template <class At>
 [[nodiscard]] std::uint64_t halve(At at, std::uint64_t low, std::uint64_t high, StampNs stamp) {
     std::uint64_t length = high - low;
@@ -80,7 +79,7 @@ template <class At>
     return low;
 }
 
-/// The same, but looks at `guess` first, then further and further away from it, then halves.
+/// The same, but it searches from `guess` outward with growing steps, then bisects.
 template <class At>
 [[nodiscard]] std::uint64_t gallop(At at, std::uint64_t low, std::uint64_t high,
                                    std::uint64_t guess, StampNs stamp) {
@@ -107,13 +106,13 @@ template <class At>
     return halve(at, low, high, stamp);
 }
 
-/// A position that lies `share` of the way from `low` on, as far as it is one.
+/// The position at `distance * rate` after `low`, clamped to a valid number.
 [[nodiscard]] inline std::uint64_t guess_at(double distance, double rate, std::uint64_t low) {
     const double steps = distance * rate;
     return low + (steps > 0.0 && steps < 1e9 ? static_cast<std::uint64_t>(steps) : 0);
 }
 
-/// The samples of one segment: its block's meta line, then the stamps, then the slots.
+/// The samples of one segment. Its block holds the meta line, then the stamps, then the slots.
 /// Threads: any; it is a value. Guarantee: wait-free; stays within the block.
 template <class Memory>
 class Segment {
@@ -152,7 +151,7 @@ public:
         return SlotWord::commit(slot_word(i));
     }
 
-    /// The first index whose stamp is greater.
+    /// The first index with a greater stamp.
     [[nodiscard]] std::uint64_t upper_bound(StampNs stamp) const {
         return halve([this](std::uint64_t i) { return this->stamp(i); }, begin(), end(), stamp);
     }
@@ -164,7 +163,7 @@ private:
     Offset slots_;
 };
 
-/// Samples in a row, in figures. Those of one stamp count once.
+/// Summary of consecutive samples. Samples of equal stamp count once.
 /// Threads: any; it is a value. Guarantee: wait-free.
 struct Extent {
     std::uint64_t samples = 0;
@@ -174,7 +173,7 @@ struct Extent {
 
     bool operator==(const Extent&) const = default;
 
-    /// One that follows.
+    /// Adds the next sample.
     void add(StampNs stamp) {
         if (samples == 0) {
             samples = 1;
@@ -186,7 +185,7 @@ struct Extent {
         longest_gap = std::max(longest_gap, gap);
         last = stamp;
     }
-    /// Those that follow.
+    /// Adds the samples that follow.
     void add(const Extent& next) {
         if (next.samples == 0)
             return;
@@ -194,7 +193,7 @@ struct Extent {
             *this = next;
             return;
         }
-        // Figures from a block that was used again may be any.
+        // Numbers of a reused block may have any value.
         const StampNs gap = as_stamp(as_word(next.first) - as_word(last));
         samples += next.samples - (gap == 0 ? 1 : 0);
         longest_gap = std::max({longest_gap, next.longest_gap, gap});
@@ -202,7 +201,7 @@ struct Extent {
     }
 };
 
-/// The samples of a segment from an index on, of commits up to `newest`.
+/// The extent of a segment's samples from an index on, of commits up to `newest`.
 template <class Memory>
 [[nodiscard]] Extent extent_of(const Segment<Memory>& in, std::uint64_t from, CommitNumber newest) {
     Extent all;
@@ -222,18 +221,17 @@ enum DirectoryWord : unsigned {
     kDirLowest = 4,    // no entry below it was ever used
 };
 
-/// The segments of an edge before its tail, in stamp order: for each its first stamp and its word.
-/// A segment's samples lie between its first stamp and that of the next one, except that the first
-/// segment reaches back to all that is older.
+/// The segments of an edge before its tail, in stamp order: for each, its first stamp and its word.
+/// A segment's samples lie between its first stamp and the next segment's; the first segment also
+/// holds all older samples.
 ///
-/// Behind the entries come their figures: those of each segment (level 0), then of each 8 segments,
-/// of each 64, and so on. A node counts as long as the directory lists all its segments.
+/// Behind the entries come their summaries (nodes): one per segment (level 0), per 8 segments, per
+/// 64, and so on. A node counts as long as the directory lists all its segments.
 /// Threads: any; it is a value. Guarantee: wait-free.
 template <class Memory>
 class Directory {
 public:
-    /// A node's figures hold in states from `changed` on; none is older than
-    /// `least`.
+    /// A node's summary holds in states from `changed` on; no sample's commit is below `least`.
     struct Node {
         Extent extent;
         CommitNumber changed = 0;
@@ -246,7 +244,7 @@ public:
             ++levels;
         return nodes_at(capacity, levels);
     }
-    /// How many segments a node sums up.
+    /// The number of segments in a node.
     static constexpr std::uint64_t segments(unsigned level) {
         return std::uint64_t{1} << level * Tuning<Memory>::kFanLog2;
     }
@@ -271,20 +269,20 @@ public:
     [[nodiscard]] std::uint64_t capacity() const {
         return memory::most_entries(*memory_, word(kDirCapacity).load_relaxed());
     }
-    /// The entries that count are [begin, end): a reader's way to them.
+    /// The valid entries are [begin, end), as a reader loads them.
     [[nodiscard]] std::uint64_t end() const {
         return memory::most_entries(*memory_, word(kDirEnd).load_acquire());
     }
     [[nodiscard]] std::uint64_t begin(std::uint64_t end) const {
         return std::min<std::uint64_t>(word(kDirBegin).load_acquire(), end);
     }
-    /// Which of the segments at [begin, end) a stamp belongs to, or `end` for the tail behind them.
+    /// Which of the segments at [begin, end) a stamp belongs to; `end` for the tail behind them.
     [[nodiscard]] std::uint64_t find(std::uint64_t begin, std::uint64_t end,
                                      const Segment<Memory>& tail, StampNs stamp) const {
         const bool in_tail = !tail.empty() && tail.stamp(tail.begin()) <= stamp;
         return begin == end || in_tail ? end : find(begin, end, stamp);
     }
-    /// The same where there are some, and the stamp lies before the tail.
+    /// The same if there are segments and the stamp lies before the tail.
     [[nodiscard]] std::uint64_t find(std::uint64_t begin, std::uint64_t end, StampNs stamp) const {
         const double rate = std::bit_cast<double>(word(kDirRate).load_relaxed());
         const double distance = static_cast<double>(stamp) - static_cast<double>(first(begin));
@@ -293,7 +291,7 @@ public:
                1;
     }
 
-    /// The node of a level that begins with an entry. `capacity`: the directory's.
+    /// The node of a level whose first entry is `k`. `capacity`: the directory's.
     [[nodiscard]] Node node(std::uint64_t capacity, unsigned level, std::uint64_t k) const {
         const auto word = node_words(capacity, level, k);
         Node node;
@@ -301,7 +299,7 @@ public:
         node.extent.first = as_stamp(word(2).load_acquire());
         node.extent.last = as_stamp(word(3).load_acquire());
         node.extent.longest_gap = as_stamp(word(4).load_acquire());
-        // It is stored before them.
+        // It is stored before the other words.
         node.changed = word(0).load_relaxed();
         node.least = word(5).load_relaxed();
         return node;
@@ -310,14 +308,14 @@ public:
                                      std::uint64_t k) const {
         return node_words(capacity, level, k)(5).load_relaxed();
     }
-    /// The writer's: figures of one segment; those above it go with `sum_up`.
+    /// For the writer: stores the summary of one segment; `sum_up` updates the nodes above it.
     void store_node(std::uint64_t k, const Node& node) const { store(capacity(), 0, k, node); }
-    /// What an entry's segment is like, in the commit in progress.
+    /// Computes the summary of an entry's segment in the current commit.
     void store_figures(std::uint64_t k) const {
         const Segment<Memory> in(*memory_, entry(k).load_relaxed());
         store_node(k, in, extent_of(in, in.begin(), SlotWord::kNever - 1));
     }
-    /// The same where the sample at `index` is the only change.
+    /// The same if the sample at `index` is the only change.
     void store_figures_with(std::uint64_t k, const Segment<Memory>& in, std::uint64_t index) const {
         Extent all = node(capacity(), 0, k).extent;
         const StampNs stamp = in.stamp(index);
@@ -328,13 +326,13 @@ public:
             const Extent behind = std::exchange(all, one);
             all.add(behind);
         } else if (in.stamp(index + 1) - in.stamp(index - 1) == all.longest_gap) {
-            return store_figures(k);  // it may have been the only one as long
+            return store_figures(k);  // it may have been the only gap of that length
         } else if (in.stamp(index - 1) != stamp) {
             ++all.samples;
         }
         store_node(k, in, all);
     }
-    /// The nodes above an entry, as far as they lie among the entries before `end`.
+    /// Updates the nodes above an entry, as far as they lie before `end`.
     void sum_up(std::uint64_t k, std::uint64_t end) const {
         const std::uint64_t capacity = this->capacity();
         const std::uint64_t lowest = word(kDirLowest).load_relaxed();
@@ -342,13 +340,13 @@ public:
              ++level)
             sum_up(capacity, level, k);
     }
-    /// An entry as another directory has it.
+    /// Copies an entry of another directory.
     void copy(std::uint64_t k, const Directory& other, std::uint64_t from) const {
         first_word(k).store_relaxed(other.first_word(from).load_relaxed());
         entry(k).store_relaxed(other.entry(from).load_relaxed());
         store_node(k, other.node(other.capacity(), 0, from));
     }
-    /// A segment with a new sample at `index` takes the place of another one.
+    /// Replaces an entry's segment by one with a new sample at `index`.
     void replace(std::uint64_t k, const Segment<Memory>& in, std::uint64_t index) const {
         const std::uint64_t old = entry(k).load_relaxed();
         entry(k).store_release(in.word());
@@ -359,7 +357,7 @@ public:
         }
         sum_up(k, word(kDirEnd).load_relaxed());
     }
-    /// After entries came or went.
+    /// Call after entries were added or removed.
     void update_rate() const {
         const std::uint64_t begin = word(kDirBegin).load_relaxed();
         const std::uint64_t end = word(kDirEnd).load_relaxed();
@@ -371,7 +369,7 @@ public:
         const double rate = span > 0 ? steps / static_cast<double>(span) : 0.0;
         word(kDirRate).store_relaxed(std::bit_cast<std::uint64_t>(rate));
     }
-    /// All above the entries at [begin, end).
+    /// Updates all nodes above the entries at [begin, end).
     void sum_up_all(std::uint64_t begin, std::uint64_t end) const {
         const std::uint64_t capacity = this->capacity();
         for (unsigned level = 1; segments(level) <= end - begin; ++level) {
@@ -402,7 +400,7 @@ private:
     void store_node(std::uint64_t k, const Segment<Memory>& in, const Extent& extent) const {
         store_node(k, {extent, in.meta(kGreatest).load_relaxed(), in.meta(kLeast).load_relaxed()});
     }
-    /// A reader of one of the figures sees of which commit they are.
+    /// A reader that loads a number of the node also sees the commit that stored it.
     void store(std::uint64_t capacity, unsigned level, std::uint64_t k, const Node& node) const {
         const auto word = node_words(capacity, level, k);
         word(0).store_relaxed(node.changed);
@@ -428,7 +426,7 @@ private:
     Offset block_;
 };
 
-/// An edge's segments as its writer has them: those of the directory, and the tail behind them.
+/// An edge's segments as its writer sees them: the directory's, and the tail behind them.
 /// Threads: the only writer of the edge. Guarantee: wait-free.
 template <class Memory>
 class EdgeSegments {
@@ -438,21 +436,21 @@ public:
     [[nodiscard]] std::uint64_t topology() const { return word(kTopology).load_relaxed(); }
     [[nodiscard]] bool has_samples() const { return static_cast<bool>(newest_sample()); }
     [[nodiscard]] bool is_static() const { return newest_sample().stamp == kStaticStamp; }
-    /// Greatest stamp, kNoStamp if the edge has no moving samples.
+    /// Greatest stamp; kNoStamp if the edge has no moving samples.
     [[nodiscard]] StampNs newest() const { return std::max(newest_sample().stamp, kNoStamp); }
 
     [[nodiscard]] SampleAt newest_sample() const {
         const Segment<Memory> tail = segment(word(kTail).load_relaxed());
         return tail.empty() ? newest_sealed() : last_of(tail);
     }
-    /// The commit that began this version. After a clear that was taken back its block tells it.
+    /// The commit that began this version. If a clear was rolled back, its block holds it.
     [[nodiscard]] CommitNumber began() const {
         const std::uint64_t older = word(kOlder).load_relaxed();
         return (older & kTakenBack) == 0
                    ? word(kSince).load_relaxed()
                    : memory_.word(version(older) + 8 * Offset{kOldSince}).load_relaxed();
     }
-    /// Number of stored samples, those that no state shows included.
+    /// Number of stored samples, including those that no state shows.
     [[nodiscard]] std::uint64_t stored() const {
         std::uint64_t samples = 0;
         for (std::uint64_t k = begin(); k <= end(); ++k)
@@ -460,8 +458,8 @@ public:
         return samples;
     }
 
-    /// Every block that the edge's newest version lies in: visit(offset, bytes), and
-    /// held(bytes) what of its segments is noted as shown by held states alone.
+    /// Visits every block of the edge's newest version: visit(offset, bytes). Calls held(bytes)
+    /// with the bytes of its segments recorded as shown by held states alone.
     template <class Visit, class Held>
     void visit_blocks(Visit visit, Held held) const {
         for (std::uint64_t k = begin(); k <= end(); ++k) {
@@ -480,13 +478,13 @@ public:
     }
 
     [[nodiscard]] std::uint64_t begin() const { return directory_word(kDirBegin); }
-    /// Where the tail is.
+    /// Index of the tail.
     [[nodiscard]] std::uint64_t end() const { return directory_word(kDirEnd); }
     [[nodiscard]] std::uint64_t word_of(std::uint64_t k) const {
         return k == end() ? word(kTail).load_relaxed() : directory().entry(k).load_relaxed();
     }
     [[nodiscard]] Segment<Memory> segment(std::uint64_t word) const { return {memory_, word}; }
-    /// Where a stamp belongs.
+    /// Index of the segment that a stamp belongs to.
     [[nodiscard]] std::uint64_t segment_of(StampNs stamp) const {
         const Segment<Memory> tail = segment(word(kTail).load_relaxed());
         return directory().find(begin(), end(), tail, stamp);
@@ -499,7 +497,7 @@ protected:
     [[nodiscard]] Directory<Memory> directory() const {
         return {memory_, word(kDirectory).load_relaxed()};
     }
-    /// The block with a version that was replaced.
+    /// The block of a replaced version.
     [[nodiscard]] Offset version(std::uint64_t older) const {
         return memory::inside(memory_, older);
     }
@@ -511,7 +509,7 @@ private:
     [[nodiscard]] static SampleAt last_of(const Segment<Memory>& in) {
         return {in.slot(in.end() - 1), in.stamp(in.end() - 1)};
     }
-    /// Behind an empty tail.
+    /// The newest sample behind an empty tail.
     [[nodiscard, gnu::noinline]] SampleAt newest_sealed() const {
         for (std::uint64_t k = end(); k > begin();) {
             const Segment<Memory> in = segment(word_of(--k));
