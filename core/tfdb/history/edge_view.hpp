@@ -17,8 +17,8 @@ struct Bracket {
     SampleAt after;
 };
 
-/// The values that a reader loads before anything else. An epoch ends when retired blocks become
-/// free.
+/// The values that a reader loads before anything else. Epochs count how often retired blocks were
+/// freed.
 struct AsOf {
     std::uint64_t epoch = 0;
     CommitNumber commit = 0;

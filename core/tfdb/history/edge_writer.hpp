@@ -60,8 +60,8 @@ public:
         return oldest_;
     }
     [[nodiscard]] bool is_held() const { return oldest_read() < committed; }
-    /// Asks the readers again: held snapshots may have been dropped since, and they limited this
-    /// commit.
+    /// Asks the readers again if a held snapshot counted: it may have been dropped meanwhile, to
+    /// free memory for writes.
     void ask_again() const { asked_ = asked_ && oldest_ == committed; }
     /// Ignores held snapshots from now on: memory for them is exhausted.
     void give_up_snapshots() const {

@@ -58,8 +58,8 @@ void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memor
     if (Topology::parent(topology) == sample.parent)
         return;
     const bool last = sample.stamp >= newest.stamp;
-    // Those of the same stamp that it replaces may name another one. Among the others, a late one
-    // ends where the next begins, which is no later than the newest.
+    // Replaced samples of the same stamp may name another parent. A late sample's interval ends
+    // where the next sample begins, which is no later than the newest.
     const StampNs from = last && sample.stamp > newest.stamp ? sample.stamp : newest.stamp + 1;
     this->word(kParentFrom)
         .store_relaxed(as_word(std::max(from, as_stamp(this->word(kParentFrom).load_relaxed()))));

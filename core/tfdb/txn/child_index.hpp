@@ -12,8 +12,8 @@
 
 namespace tfdb::txn {
 
-/// The frames of one state by their newest parents.
-/// Threads: a value; `build` any, also beside writers.
+/// The frames of one state, indexed by their newest parents.
+/// Threads: a value; `build` may run in any thread, concurrently with writers.
 /// Guarantee: lock-free; `build` is false if a writer overtook it.
 class ChildIndex {
 public:

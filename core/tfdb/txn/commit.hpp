@@ -1,4 +1,5 @@
-// One commit in progress: what it made, wrote and removed, until it is published or undone.
+// One commit in progress: the frames and samples that it creates, writes and removes, until it is
+// published or undone.
 #pragma once
 
 #include <algorithm>
@@ -21,35 +22,35 @@
 
 namespace tfdb::txn {
 
-/// Lists that a commit fills; kept by the store, so that no commit allocates in steady state.
+/// Lists that a commit fills; the store keeps them, so that no commit allocates in steady state.
 struct CommitScratch {
-    /// A frame that the commit changes. One that it makes and removes again comes twice.
+    /// A frame that the commit changes. A frame that it creates and removes is listed twice.
     struct Touched {
         FrameId id;
         FrameId old_parent;     // newest parent before this commit
-        std::uint64_t samples;  // how many this commit adds, where they are counted
+        std::uint64_t samples;  // number of samples that this commit adds, if they are counted
         std::uint64_t note;     // its position in the feed
-        std::uint64_t author;   // of those samples
+        std::uint64_t author;   // authority of those samples
         unsigned what;          // bits of FeedNote::What
         bool written;           // by `touch`
-        bool one;               // it adds one, where they are not counted
+        bool one;               // it adds one sample, if samples are not counted
     };
     std::vector<Touched> touched;
-    FrameSet touched_frames;            // where each stands in `touched`, removals aside
+    FrameSet touched_frames;            // position of each frame in `touched`, except removals
     FrameSet going;                     // to be removed
     std::vector<std::uint32_t> depths;  // by frame
     std::vector<FrameId> climb;
     CycleScratch cycles;
 };
 
-/// Notes in a frame's header, after the commit, its maker and the writer of its samples. `what`: of
-/// its note; `author` and `source` by their numbers, `source` as in `Commit`.
+/// Writes a commit's results into a frame's header: the commit, its creator and the samples'
+/// writer. `what`: bits of its note; `author` and `source` are numbers, `source` as in `Commit`.
 template <class Memory>
 void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, bool has_samples,
                 std::uint64_t author, std::uint64_t source) {
     if ((what & FeedNote::kRemoved) != 0)
         return;
-    // Only a copy clears an edge in the name of its last writer.
+    // Only a copied commit clears an edge in the name of its last writer.
     const bool names_author = has_samples || ((what & FeedNote::kCleared) != 0 && author != 0);
     if (auto& last = frames.word(id, history::kAuthority);
         names_author && last.load_relaxed() != author)
@@ -65,16 +66,16 @@ void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, 
     word.store_relaxed(SourceWord::pack(made ? source : SourceWord::maker(before), writer));
 }
 
-/// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
-/// published.
+/// Writes of one commit. Nothing is visible before `publish`; the destructor undoes an unpublished
+/// commit.
 /// Threads: only the holder of the commit lock, from construction to destruction.
-/// Guarantee: all or nothing, also when a call throws.
+/// Guarantee: all or nothing, even if a call throws.
 template <class Memory>
 class Commit {
 public:
-    /// `readers` is asked only when a segment is full or a slot is to be reused, and outlives it.
-    /// `author`: as in `set_author`. `source`: the number of the source that all of it comes from,
-    /// 0 for a writer of this store, or kNoSources: see history::SourceWord.
+    /// `readers` must outlive it; it is called only if a segment is full or a slot is to be reused.
+    /// `author`: as in `set_author`. `source`: the number of the source of the whole commit, 0 for
+    /// a writer of this store, or kNoSources: see history::SourceWord.
     Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
            history::Readers& readers, std::uint64_t author = 0,
            std::uint64_t source = history::SourceWord::kNoSources)
@@ -104,15 +105,15 @@ public:
     Commit& operator=(const Commit&) = delete;
 
     [[nodiscard]] CommitNumber number() const { return context_.committed + 1; }
-    /// The forest with what was written so far.
+    /// The forest including the writes so far.
     [[nodiscard]] SnapshotView<Memory> view() const {
         return {frames_, number(), context_.history};
     }
 
-    /// The number of the authority of the samples whose frames are touched from now on.
+    /// Sets the number of the authority for the frames touched from now on.
     void set_author(std::uint64_t author) { author_ = author; }
 
-    /// Calls visit(id, removed) for each frame whose samples it changes, or that it removes.
+    /// Calls visit(id, removed) for each frame that it removes or whose samples it changes.
     template <class Visit>
     void for_each_change(Visit visit) const {
         for (const Touched& touched : scratch_.touched) {
@@ -127,7 +128,7 @@ public:
         return names_.find(name, number());
     }
 
-    /// The frame of that name, made where it is missing. Throws CapacityExceeded.
+    /// The frame of that name, created if missing. Throws CapacityExceeded.
     [[nodiscard]] FrameId frame(std::string_view name) {
         const FrameId found = find_frame(name);
         if (found != kNoFrame) {
@@ -137,7 +138,7 @@ public:
         const Offset block = names_.store_name(name);
         FrameId id = kNoFrame;
         try {
-            // From where a slot is taken on nothing throws.
+            // Nothing throws after a slot was taken.
             reserve_touched();
             scratch_.touched_frames.make_room(frames_.count());
             id = take_slot();
@@ -153,8 +154,8 @@ public:
         return id;
     }
 
-    /// True if this commit has written to the frame before; marks it as written. Inline, so that a
-    /// batch waits for the headers of many frames at once.
+    /// Whether this commit has written to the frame before; marks it as written. Inline, so that a
+    /// batch overlaps the cache misses of many frames' headers.
     [[nodiscard, gnu::always_inline]] bool touch(FrameId child) {
         const auto place = static_cast<std::uint32_t>(scratch_.touched.size());
         if (!scratch_.touched_frames.insert(child, place)) {
@@ -166,20 +167,20 @@ public:
         return false;
     }
 
-    /// Appends the one sample of an edge, or the last one of a static edge; `touch(child)` came
-    /// before.
+    /// Appends a single sample of an edge, or the last one of a static edge. Requires
+    /// `touch(child)`.
     void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item) {
         auto edge = writer(child);
         const FrameId old_parent = history::Topology::parent(edge.topology());
         relate(child, sample, edge.newest(), item);
         edge.append(context_, sample);
-        // Otherwise the feed has it already.
+        // Otherwise the feed already contains it.
         if (old_parent != sample.parent)
             touched(child).one = true;
         hint_depth(child, old_parent, sample.parent);
     }
-    /// The same for samples that come after each other, in the order of their stamps: some of those
-    /// of the edge. `item_of(i)` says which one is which.
+    /// The same for several samples of the edge in stamp order. `item_of(i)` returns the item of
+    /// the i-th sample.
     template <class ItemOf>
     void append(FrameId child, std::span<const history::NewSample<Memory>> samples,
                 ItemOf item_of) {
@@ -213,15 +214,15 @@ public:
         touched(child).samples += samples.size();
         hint_depth(child, old_parent, history::Topology::parent(edge.topology()));
     }
-    /// The same for moving samples of one parent that are ahead of all others; `sample(i)` gives
-    /// them.
+    /// The same for moving samples of one parent, all newer than the edge's samples; `sample(i)`
+    /// returns them.
     template <class Sample, class ItemOf>
     void append_ahead(FrameId child, FrameId parent, std::size_t count, Sample sample,
                       ItemOf item_of) {
         auto edge = writer(child);
         const std::uint64_t topology = edge.topology();
         const FrameId old_parent = history::Topology::parent(topology);
-        // As in `relate`: the first sample of all makes its parent the one that they all have.
+        // As in `relate`: an edge's first sample makes its parent the common one.
         const bool mixed = (topology & history::Topology::kMixedParents) != 0 ||
                            (edge.has_samples() && parent != old_parent);
         const std::size_t related = mixed ? count : parent != old_parent ? 1 : 0;
@@ -232,7 +233,7 @@ public:
         hint_depth(child, old_parent, parent);
     }
 
-    /// Hides all samples of an edge; `touch(child)` came before. Once in a commit at most.
+    /// Hides all samples of an edge. Requires `touch(child)`. At most once per commit.
     void clear(FrameId child) {
         writer(child).clear(context_);
         touched(child).what |= FeedNote::kCleared;
@@ -241,8 +242,7 @@ public:
         frames_.refresh_hint(child);
     }
 
-    /// The same for all edges that move, but those of frames for which `skip(id)` is true; before
-    /// anything is written to them.
+    /// The same for all moving edges, except frames with `skip(id)`. Call before any write to them.
     template <class Skip>
     void clear_moving(Skip skip) {
         const SnapshotView<Memory> before(frames_, context_.committed, context_.history);
@@ -254,12 +254,12 @@ public:
         }
     }
 
-    /// How many samples of an edge came out of order; `touch(child)` came before.
+    /// Sets an edge's count of out-of-order samples. Requires `touch(child)`.
     void set_late(FrameId child, std::uint64_t samples) {
         writer(child).set_late(context_, samples);
     }
 
-    /// The frame exists no longer; nothing names it as its newest parent.
+    /// Removes the frame; no frame may name it as its newest parent.
     void remove(FrameId id) {
         reserve_touched();
         const Offset name = names_.name_block(id);
@@ -273,15 +273,15 @@ public:
         topology.store_release(topology.load_relaxed() | history::Topology::kMortal);
     }
 
-    /// What looks for cycles among what was appended.
+    /// The cycle search over the appended samples.
     [[nodiscard]] CycleSearch<Memory> cycles() {
         return {frames_, context_.committed, context_.history, scratch_.cycles};
     }
-    /// Makes all of it visible at once. Where it throws, nothing has become visible.
+    /// Makes everything visible at once. If it throws, nothing has become visible.
     CommitNumber publish() {
         return publish([] {});
     }
-    /// The same; calls `before()`, which throws nothing, when nothing else can fail.
+    /// The same; calls `before()`, which must not throw, once nothing else can fail.
     template <class Before>
     CommitNumber publish(Before before) {
         refresh_depths();
@@ -294,7 +294,8 @@ public:
         }
         frames_.store_word(graph::kCommit).store_release(number());
         published_ = true;
-        // Behind the commit: after a death between, `Repair` does the same by the feed.
+        // After the commit word: if the process dies in between, `Repair` does the same from the
+        // feed.
         for (const Touched& touched : scratch_.touched) {
             set_writer(frames_, touched.id, touched.what, touched.one || touched.samples != 0,
                        touched.author, source_);
@@ -304,18 +305,18 @@ public:
         return number();
     }
 
-    /// The parent that the newest sample names, kNoFrame for a root.
+    /// The parent in the newest sample; kNoFrame for a root.
     [[nodiscard]] FrameId newest_parent(FrameId id) const {
         return txn::newest_parent(frames_, id, number(), context_.history);
     }
 
-    /// What a removed frame keeps beside its samples: the slot, and its name as a rule.
+    /// Memory of a removed frame besides its samples: the slot, and usually its name.
     static constexpr std::uint64_t kFrameBytes = history::kHeaderBytes + memory::kLineBytes;
-    /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen
-    /// the commit that was just published.
+    /// Frees the memory of removed frames. It asks for pins again: a snapshot that it misses has
+    /// already seen the commit just published.
     void empty_removed() {
         const CommitNumber oldest = readers_.oldest_read();
-        // Each frame is in the list once, but where that was damaged.
+        // Each frame is in the list once, unless the list is damaged.
         for (std::uint32_t left = frames_.count(); left > 0; --left) {
             const FrameId id = frames_.first_full();
             if (id == kNoFrame || frames_.word(id, history::kDied).load_relaxed() > oldest)
@@ -325,7 +326,7 @@ public:
         }
     }
 
-    /// Takes out of use what no state that is still read retains of the edges' histories.
+    /// Evicts the parts of the edges' histories that no readable state retains.
     void evict_all() {
         for (FrameId id = 0; id < frames_.count(); ++id)
             writer(id).evict_all(context_);
@@ -333,17 +334,17 @@ public:
 
 private:
     using Touched = CommitScratch::Touched;
-    /// Of a frame that `touch` or `frame` was called for.
+    /// Requires `touch` or `frame` for the frame before.
     [[nodiscard]] Touched& touched(FrameId id) const {
         return scratch_.touched[scratch_.touched_frames.place(id)];
     }
     void reserve_touched() const {
-        // `reserve` alone grows to the very number asked for.
+        // `reserve` alone would grow to exactly the requested size.
         if (scratch_.touched.size() == scratch_.touched.capacity())
             scratch_.touched.reserve(2 * scratch_.touched.size() + 8);
     }
 
-    /// A sample ahead of all others, of the parent that they all have, relates nothing anew.
+    /// A sample newer than all others with the edge's only parent adds no relation.
     void relate(FrameId child, const history::NewSample<Memory>& sample, clock::StampNs newest,
                 std::size_t item) {
         using history::Topology;
@@ -353,7 +354,7 @@ private:
         if (!same_parent || (sample.stamp != history::kStaticStamp && sample.stamp <= newest))
             scratch_.cycles.relations.push_back({child, sample.parent, sample.stamp, item});
     }
-    /// After a sample that may name another parent than the newest one.
+    /// Call after a sample that may change the newest parent.
     void hint_depth(FrameId child, FrameId old_parent, FrameId parent) {
         using history::Topology;
         if (old_parent == parent)
@@ -365,16 +366,16 @@ private:
     [[nodiscard]] history::EdgeWriter<Memory> writer(FrameId id) const {
         return {frames_.memory(), frames_.header(id)};
     }
-    /// Slots are reused oldest first, and only when no held snapshot can still ask for their frame.
+    /// Slots are reused oldest first, and only when no held snapshot can read their frame.
     [[nodiscard]] FrameId take_slot() {
         const FrameId fresh = frames_.take_fresh_slot();
-        // Each is in the list once, but where that was damaged.
+        // Each slot is in the list once, unless the list is damaged.
         for (std::uint32_t left = frames_.count(); left > 0; --left) {
             const FrameId retired = frames_.first_retired();
             if (retired == kNoFrame)
                 break;
             const CommitNumber died = frames_.word(retired, history::kDied).load_relaxed();
-            // Zero: made by a commit that was undone.
+            // Zero: created by a commit that was undone.
             if (died != 0 &&
                 (died > context_.committed || (fresh != kNoFrame && died > context_.oldest_read())))
                 break;
@@ -383,7 +384,7 @@ private:
             frames_.pop_retired();
             if (full)
                 empty_slot(retired);
-            // A handle to the slot's first frame must not fit again.
+            // A handle to the slot's first frame must never match again.
             if (!worn_out)
                 return retired;
         }
@@ -395,8 +396,8 @@ private:
         return fresh;
     }
 
-    /// A reader of the removed frame finds out: it has been born anew, and states in which
-    /// it lived lie below the floor.
+    /// A reader of the removed frame detects it: the slot has been born again, and the states of
+    /// the old frame lie below the floor.
     void empty_slot(FrameId id) {
         const CommitNumber died = frames_.word(id, history::kDied).load_relaxed();
         auto& floor = frames_.store_word(graph::kRecycleFloor);
@@ -411,7 +412,7 @@ private:
         readers_.held(std::uint64_t{0} - kFrameBytes);
     }
 
-    /// After the commit: what only older states show.
+    /// After the commit: frees data that only older states show.
     void let_go() {
         for (const Touched& touched : scratch_.touched) {
             if ((touched.what & FeedNote::kCleared) != 0)
@@ -427,7 +428,7 @@ private:
             empty_removed();
     }
 
-    /// Counts, for every frame, how many have it as their newest parent: `remove` asks for it.
+    /// Counts the children of every frame by newest parents; `remove` depends on it.
     void count_children() {
         const auto count = [&](FrameId parent, std::uint64_t delta) {
             if (parent == kNoFrame)
@@ -435,7 +436,7 @@ private:
             auto& children = frames_.word(parent, history::kChildren);
             children.store_relaxed(children.load_relaxed() + delta);
         };
-        // Where no relation is new, all parents are as before.
+        // Without new relations all parents are unchanged.
         if (scratch_.cycles.relations.empty() && what_ == 0)
             return;
         for (Touched& touched : scratch_.touched) {
@@ -451,11 +452,10 @@ private:
         }
     }
 
-    /// Gives every frame the depth that it has now. Robots are often announced from the leaves
-    /// upward: with the depths of that time, walks between two branches would climb past their
-    /// meeting point.
+    /// Computes every frame's depth. Robots often publish from the leaves upward: with the depths
+    /// of that time, walks between two branches would climb past their meeting point.
     void refresh_depths() {
-        // Beyond, stale hints cost less than this, unless the commit itself is as large.
+        // Beyond this size, outdated hints cost less, unless the commit itself is that large.
         constexpr std::uint32_t kMostFrames = 4096;
         const std::uint32_t count = frames_.count();
         if (!depths_stale_ || (count > kMostFrames && count / 4 > scratch_.touched.size())) {
@@ -503,9 +503,9 @@ private:
     FeedWriter<Memory> feed_;
     std::uint64_t author_;
     std::uint64_t source_;
-    unsigned what_ = 0;  // happened to any frame: clears and removals
+    unsigned what_ = 0;  // of any frame: clears and removals
     bool published_ = false;
-    bool depths_stale_ = false;  // a frame with children got another parent
+    bool depths_stale_ = false;  // a frame with children changed its parent
 };
 
 }  // namespace tfdb::txn

@@ -1,4 +1,4 @@
-// How a transaction ends well: what it read is judged, then what it wrote becomes one commit.
+// The commit of a transaction: its reads are validated, then its writes become one commit.
 #pragma once
 
 #include <algorithm>
@@ -14,31 +14,32 @@
 
 namespace tfdb::txn {
 
-/// How a transaction ended.
+/// The outcome of a transaction.
 struct CommitOutcome {
     enum Kind : std::uint8_t {
         kCommitted,
-        kConflict,  // `conflict` is the reason; kNone there: the engine gave it up
+        kConflict,  // `conflict` is the reason; kNone: the engine aborted it
         kCycle,     // `child` would be its own ancestor
     };
     Kind kind = kCommitted;
-    CommitNumber commit = 0;  // its number, or that of the state that was read
+    CommitNumber commit = 0;  // its number, or that of the state it read
     ReadConflict conflict;
-    FrameId child = kNoFrame;  // by the transaction's ids
+    FrameId child = kNoFrame;  // in the transaction's ids
     FrameId parent = kNoFrame;
     clock::StampNs stamp = history::kNoStamp;
     std::uint32_t authority = 0;
 };
 
-/// Puts a WriteSet into a commit: a clear, removals, new frames, then each edge's samples in stamp
+/// Adds a WriteSet to a commit: a clear, removals, new frames, then each edge's samples in stamp
 /// order.
-/// Threads: as Commit. Guarantee: as Commit: what throws leaves the rest to its destructor.
+/// Threads: as Commit. Guarantee: as Commit; after an exception, the Commit's destructor undoes the
+/// rest.
 template <class Memory>
 class ApplyWrites {
 public:
     using Writes = WriteSet<Memory>;
 
-    /// `authors`: the number of the authority of each edge.
+    /// `authors`: number of each edge's authority.
     ApplyWrites(Commit<Memory>& commit, const Writes& writes,
                 std::span<const std::uint64_t> authors)
         : commit_(commit), writes_(writes), authors_(authors), ids_(writes.made(), kNoFrame) {}
@@ -50,8 +51,8 @@ public:
             if (!writes_.is_own(id))
                 commit_.remove(id);
         }
-        // Frames that are gone again, but that samples of others still name, come first: their
-        // names may have been used anew.
+        // Created and removed frames that samples still name come first: their names may have been
+        // reused.
         for (const auto& edge : writes_.edges()) {
             for (const auto& sample : edge.samples.in_order()) {
                 if (writes_.is_own(sample.parent) && writes_.is_removed(sample.parent))
@@ -74,7 +75,7 @@ public:
     [[nodiscard]] FrameId real(FrameId id) const {
         return writes_.is_own(id) ? ids_[Writes::place_of(id)] : id;
     }
-    /// Which sample an item of the commit was.
+    /// The sample that an item of the commit stands for.
     void describe(std::size_t item, CommitOutcome& outcome) const {
         for (const auto& edge : writes_.edges()) {
             const auto& samples = edge.samples.in_order();
@@ -120,12 +121,12 @@ private:
     Commit<Memory>& commit_;
     const Writes& writes_;
     std::span<const std::uint64_t> authors_;
-    std::vector<FrameId> ids_;  // of the frames that it makes, by place
+    std::vector<FrameId> ids_;  // of the frames that it creates, by position
     std::size_t items_ = 0;
 };
 
-/// Whether the written edges are still of the kind, moving or static, that they were. For engines
-/// that do not validate what was read.
+/// Whether the written edges still have the kind, moving or static, that they had. For engines that
+/// do not validate reads.
 template <class Memory>
 [[nodiscard]] ReadConflict check_kinds(const graph::Frames<Memory>& frames,
                                        const WriteSet<Memory>& writes) {
@@ -141,8 +142,9 @@ template <class Memory>
     return {};
 }
 
-/// The session is alone and what was read still holds. `Store` starts commits, numbers authorities
-/// and judges commits: `author_number(name)` and `check_writable(commit)` may throw.
+/// Requires that the session is alone and its reads are still valid. `Store` starts commits,
+/// numbers authorities and checks commits: `author_number(name)` and `check_writable(commit)` may
+/// throw.
 template <class Memory, class Store>
 [[nodiscard]] CommitOutcome commit_alone(const WriteSet<Memory>& writes, Store& store) {
     CommitOutcome outcome;
@@ -163,8 +165,8 @@ template <class Memory, class Store>
     return outcome;
 }
 
-/// Ends a transaction of which the session is open. Whatever comes of it, the session has ended,
-/// unless this throws: then nothing was stored.
+/// Ends a transaction whose session is open. The session has ended unless this throws. If this
+/// throws, nothing was stored.
 template <Session S, class Reads, class Store>
 [[nodiscard]] CommitOutcome commit_transaction(S& session, Reads& reads,
                                                const WriteSet<typename S::Memory>& writes,

@@ -1,9 +1,9 @@
-// No frame may be its own ancestor at any time: the search for what would make one.
+// Searches for cycles: no frame may be its own ancestor at any time.
 //
 // A sample names its edge's parent from its stamp to the edge's next sample (a static edge: for all
-// time). A new sample closes a cycle if, somewhere in that interval, a walk from its child upward
-// comes to its child again. The walk splits the interval where a frame on the way changes its
-// parent, and remembers of every frame when no cycle lies above it: it goes there once.
+// time). A new sample closes a cycle if, somewhere in that interval, a walk upward from its child
+// returns to its child. The walk splits the interval where a frame on the path changes its parent.
+// It marks frames without a cycle above them, so that it visits them once.
 #pragma once
 
 #include <algorithm>
@@ -16,37 +16,38 @@
 
 namespace tfdb::txn {
 
-/// A cycle that a commit would close, and the one of its samples that is to be left out.
+/// A cycle that a commit would close, and the commit's sample to exclude.
 struct Cycle {
     FrameId child = kNoFrame;
     FrameId parent = kNoFrame;
-    std::size_t item = 0;  // as told to `append`: the greatest of those that close it together
+    // as passed to `append`: the greatest of the items that close the cycle together
+    std::size_t item = 0;
     // The commit's other samples of this edge that name this parent for [from, to) close it too.
     clock::StampNs from = 0;
     clock::StampNs to = 0;
 };
 
-/// The samples of a commit that relate frames anew, and the lists of the search among them; kept by
-/// the store, so that no commit allocates in steady state.
+/// The commit's samples that may add a parent-child relation, and the search's lists. The store
+/// keeps them, so that no commit allocates in steady state.
 struct CycleScratch {
-    struct Relation {  // a sample whose parent was not known to be one at its stamp
+    struct Relation {  // a sample whose parent may be new at its stamp
         FrameId child;
         FrameId parent;
         clock::StampNs stamp;
         std::size_t item;
     };
-    struct Stop {  // of the walk that looks for cycles
+    struct Stop {  // a step of the search's walk
         FrameId id;
         clock::StampNs from;
         clock::StampNs to;
-        bool entered;  // what lies above it is being looked at
+        bool entered;  // its ancestors are being searched
     };
     struct Mark {  // a frame in one search
         std::uint64_t search = 0;
-        clock::StampNs from = 0;  // within [from, to) all above it was looked at
+        clock::StampNs from = 0;  // within [from, to) all its ancestors were searched
         clock::StampNs to = 0;
         bool on_path = false;
-        bool blamed = false;  // a sample of its edge is to be left out
+        bool blamed = false;  // a sample of its edge is to be excluded
 
         [[nodiscard]] bool covers(clock::StampNs a, clock::StampNs b) const {
             return from <= a && b <= to;
@@ -60,15 +61,15 @@ struct CycleScratch {
     };
     std::vector<Relation> relations;
     std::vector<Stop> stops;
-    std::vector<FrameId> path;            // those of the stops that were entered
+    std::vector<FrameId> path;            // the entered stops
     std::vector<Mark> marks;              // by frame
     std::vector<std::uint32_t> by_child;  // the relations, sorted
     std::uint64_t searches = 0;
-    std::uint64_t steps = 0;  // stops, samples and relations that searches looked at: for tests
+    std::uint64_t steps = 0;  // stops, samples and relations that searches visited: for tests
 };
 
-/// Searches what a commit has appended, before it is published.
-/// Threads: the holder of the commit lock. Guarantee: ends, whatever runs in a circle.
+/// Searches a commit's appended samples before they are published.
+/// Threads: the holder of the commit lock. Guarantee: terminates on any cycle.
 template <class Memory>
 class CycleSearch {
 public:
@@ -79,7 +80,7 @@ public:
           after_(frames, committed + 1, history),
           scratch_(scratch) {}
 
-    /// Finds a cycle in time.
+    /// Finds one cycle.
     [[nodiscard]] bool find(Cycle& cycle) {
         bool any = false;
         if (scratch_.relations.empty())
@@ -92,11 +93,11 @@ public:
         return any;
     }
 
-    /// Finds cycles, not always all: with their samples left out, there may be others.
+    /// Finds cycles, but not always all: excluding their samples may reveal others.
     ///
-    /// Of two cycles that share a frame which is to change, only one is reported: without it the
-    /// other may be none. Once the suspect is to change, nothing above it needs a search:
-    /// what comes last in time is found first, so the cycle's end is that of all.
+    /// If two cycles share a frame that is to change, only one is reported: the change may remove
+    /// both. Once the suspect is to change, no frame above it is searched: the latest relation is
+    /// found first, so its end is the end of all.
     [[nodiscard]] bool find_all(std::vector<Cycle>& cycles) {
         cycles.clear();
         search([&](const Stop& top, const Cycle& suspect) {
@@ -114,7 +115,7 @@ public:
         return !cycles.empty();
     }
 
-    /// Every relation that could be part of a cycle, after a search: without them the batch has no
+    /// After a search: every relation that may be part of a cycle. Without them the batch has no
     /// cycle.
     void suspects(std::vector<Cycle>& cycles) const {
         cycles.clear();
@@ -133,23 +134,23 @@ private:
     static constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();
     static constexpr StampNs kDusk = std::numeric_limits<StampNs>::max();
     enum class Next : std::uint8_t {
-        kGoOn,     // above the same suspect
-        kSuspect,  // the other ones
+        kGoOn,     // continue above the same suspect
+        kSuspect,  // continue with the other suspects
         kEnd,
     };
 
-    /// Calls `found(top, suspect)` for each cycle that it comes upon, and goes on as that says: the
-    /// path in scratch_.path then leads from the frame at `top` back to it.
+    /// Calls `found(top, suspect)` for each cycle that it finds, and continues as the result says.
+    /// The path in scratch_.path then leads from the frame at `top` back to it.
     ///
-    /// A cycle needs its child to be a parent already. Relations are looked at in the
-    /// order in which they came, so of a chain that is built from its root no frame is one yet: the
-    /// last relation that closes a cycle always finds the others in place.
+    /// A cycle needs its child to be a parent already. Relations are processed in order of arrival,
+    /// so in a chain built from its root no frame is a parent yet. The last relation that closes a
+    /// cycle always finds the others in place.
     template <class Found>
     void search(Found found) {
         using history::Topology;
         ++scratch_.searches;
         scratch_.by_child.clear();
-        Cycle last;  // what was walked last
+        Cycle last;  // the last one that was walked
         for (const auto& relation : scratch_.relations) {
             const bool seen = relation.child == last.child && relation.parent == last.parent &&
                               last.from <= relation.stamp && relation.stamp < last.to;
@@ -167,7 +168,7 @@ private:
         }
     }
 
-    /// Goes up from a frame by all parents that it has in the interval.
+    /// Walks up from a frame along all parents that it has in the interval.
     template <class Found>
     [[nodiscard]] Next walk(const Cycle& suspect, Found& found) {
         auto& stops = scratch_.stops;
@@ -187,7 +188,7 @@ private:
                     stops.pop_back();
                     continue;
                 }
-                // What lies above them was not all looked at.
+                // The search above them is incomplete.
                 for (const FrameId id : path)
                     mark_of(id).on_path = false;
                 return next;
@@ -215,7 +216,7 @@ private:
         return mark;
     }
 
-    /// Visits the frames of the path from its end back to the frame that was met again.
+    /// Visits the frames of the path from its end back to the repeated frame.
     template <class Visit>
     void for_each_in_cycle(FrameId top, Visit visit) const {
         for (auto at = scratch_.path.rbegin(); at != scratch_.path.rend(); ++at) {
@@ -226,7 +227,7 @@ private:
         }
     }
 
-    /// The last relation among those that together close the cycle, and when its parent holds.
+    /// The last relation among those that close the cycle together, and the interval of its parent.
     [[nodiscard]] Cycle blame(const Stop& top, const Cycle& suspect) {
         auto& order = scratch_.by_child;
         const auto& relations = scratch_.relations;
@@ -263,8 +264,8 @@ private:
         return cycle.child == kNoFrame ? suspect : cycle;
     }
 
-    /// Whether the committed state relates the two already at that time: then the relation
-    /// is not new.
+    /// Whether the committed state already relates the two at that time: the relation is then not
+    /// new.
     [[nodiscard]] bool held_before(const Relation& relation, StampNs stamp) const {
         history::EdgeView<Memory> edge;
         history::Bracket around;
@@ -286,7 +287,7 @@ private:
     [[nodiscard]] bool holds(const Relation& relation, StampNs& from, StampNs& to) const {
         const auto names_parent = [&](const history::EdgeView<Memory>& edge,
                                       const history::SampleAt& sample) {
-            // Not an earlier frame whose slot the parent took over.
+            // Excludes an earlier frame whose slot the parent took over.
             const std::uint64_t slot = edge.slot_word(sample);
             return history::SlotWord::parent(slot) == relation.parent &&
                    after_.alive_since(relation.parent, history::SlotWord::commit(slot));
@@ -305,7 +306,7 @@ private:
             return false;
         }
         if (!around.before) {
-            // Too old by now; but what follows it may stand on its word.
+            // Too old by now, but the next sample may rely on it.
             if (!around.after || !edge.bracket(around.after.stamp, around))
                 return false;
         } else if (around.before.stamp != relation.stamp) {
@@ -318,7 +319,7 @@ private:
         if ((edge.topology() & history::Topology::kMixedParents) == 0) {
             return true;
         }
-        // Later samples that name the same parent are not looked at by themselves.
+        // Later samples that name the same parent are not visited separately.
         to = kDusk;
         return edge.visit(from + 1, kDusk, 0, [&](const history::SampleAt& sample) {
             ++scratch_.steps;
@@ -357,11 +358,12 @@ private:
                   std::max(at.from, oldest.stamp), at.to);
     }
 
-    /// From the sample that holds when the interval begins to the last one within it; samples in a
-    /// row that name the same parent count as one.
+    /// Pushes the parents from the sample that holds at the interval's start to the last one in it.
+    /// Consecutive samples that name the same parent count as one.
     void push_mixed_parents(const history::EdgeView<Memory>& edge, const Stop& at) {
         FrameId parent = kNoFrame;
-        CommitNumber written = 0;  // the newest of the row: its parent lived throughout, or never
+        // newest commit of the row: its parent existed throughout, or never
+        CommitNumber written = 0;
         StampNs from = at.from;
         const bool whole = edge.visit(at.from, at.to, 0, [&](const history::SampleAt& sample) {
             ++scratch_.steps;

@@ -9,8 +9,8 @@
 
 namespace tfdb::txn {
 
-/// Gives every frame the depth that its newest parents have now, and its hint. `depths` and `climb`
-/// are scratch. Only for the holder of the commit lock.
+/// Computes every frame's depth by the newest parents, and stores it as the frame's hint. `depths`
+/// and `climb` are scratch. Only for the holder of the commit lock.
 template <class Memory>
 void refresh_depths(const graph::Frames<Memory>& frames, std::vector<std::uint32_t>& depths,
                     std::vector<FrameId>& climb) {
@@ -31,8 +31,8 @@ void refresh_depths(const graph::Frames<Memory>& frames, std::vector<std::uint32
             const std::uint64_t topology = frames.topology(climb.back());
             if (Topology::depth(topology) == depth)
                 continue;
-            // A reader of this word must see all that its flags stand for, as with every other
-            // store to it.
+            // A reader of this word must see all that its flags describe, as with every other store
+            // to it.
             frames.word(climb.back(), history::kTopology)
                 .store_release(Topology::with_parent(topology, Topology::parent(topology), depth));
             frames.refresh_hint(climb.back());

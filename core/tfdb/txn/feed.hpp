@@ -1,10 +1,10 @@
-// The change feed: which frames each commit touched, in a ring of words in the region.
+// The change feed: the frames that each commit touched, in a ring of words in the region.
 //
-// An index has one word per commit: where its notes begin in the ring and how many words they are.
-// A frame is noted before the commit changes anything of it, and the index word counts each note
-// as it is made: after a writer's death the entry behind the commit word names all that the dead
-// commit may have touched. What a note counts is put right just before the commit is published.
-// A commit that is undone leaves its place to the next one.
+// An index has one word per commit: the ring position of its notes, and their number of words. A
+// commit notes a frame before it changes the frame, and the index word counts each note at once. So
+// after a writer's death, the entry after the last commit names every frame that the dead commit
+// may have touched. The counts in notes are corrected just before the commit is published. The next
+// commit reuses the place of a commit that was rolled back.
 #pragma once
 
 #include <algorithm>
@@ -16,16 +16,17 @@
 
 namespace tfdb::txn {
 
-/// Sizes of the feed. Tests that walk every interleaving specialise them to be tiny.
+/// Sizes of the feed. Tests that explore every interleaving specialise them to be tiny.
 template <class Memory>
 struct FeedTuning {
     static constexpr unsigned kCommitsLog2 = 14;
     static constexpr unsigned kWordsLog2 = 16;
 };
 
-/// Index word of a commit: position of its first word << 20 | how many.
+/// Index word of a commit: position of its first word << 20
+/// number of words.
 struct FeedEntry {
-    static constexpr std::uint64_t kTooLarge = kNoFrame;  // more than the ring holds
+    static constexpr std::uint64_t kTooLarge = kNoFrame;  // more than the ring can hold
 
     static constexpr std::uint64_t pack(std::uint64_t first, std::uint64_t words) {
         return first << kFrameBits | words;
@@ -35,22 +36,24 @@ struct FeedEntry {
     static constexpr std::uint64_t end(std::uint64_t entry) { return first(entry) + words(entry); }
 };
 
-/// First word of a note: count << 40 | authority << 24 | what << 20 | frame. The count is that of
-/// samples; of a removal that of the name's bytes, which follow in words.
+/// First word of a note: count << 40
+/// authority << 24
+/// what << 20
+/// frame. It counts samples; for a removal, the bytes of the name, which follow in words.
 struct FeedNote {
     enum What : unsigned {
         kMade = 1,
-        kMoved = 2,    // its newest parent is another one than before, or none
-        kCleared = 4,  // its samples were dropped, before those were stored that are counted
+        kMoved = 2,    // its newest parent changed or went away
+        kCleared = 4,  // its samples were dropped, before the counted ones were stored
         kRemoved = 8,
     };
     static constexpr unsigned kWhatBits = 4;
     static constexpr unsigned kAuthorityBits = 16;
     static constexpr unsigned kCountShift = kFrameBits + kWhatBits + kAuthorityBits;
-    /// This count means: so many samples, or more.
+    /// This count means: that many samples or more.
     static constexpr std::uint64_t kMostSamples = ~std::uint64_t{0} >> kCountShift;
 
-    /// `authority`: the number of the writer of the samples.
+    /// `authority`: number of the samples' authority.
     static constexpr std::uint64_t pack(FrameId id, unsigned what, std::uint64_t count,
                                         std::uint64_t authority = 0) {
         return std::min(count, kMostSamples) << kCountShift |
@@ -69,7 +72,7 @@ struct FeedNote {
     static constexpr std::uint64_t name_words(std::uint64_t note) { return (count(note) + 7) / 8; }
 };
 
-/// Where the words of the feed are.
+/// The location of the feed's words.
 /// Threads: any; it is a value. Guarantee: wait-free.
 template <class Memory>
 class Feed {
@@ -83,14 +86,14 @@ public:
         : frames_(frames),
           block_(memory::inside(frames.memory(), frames.store_word(graph::kFeed).load_relaxed())) {}
 
-    /// Puts a feed into a store that has no commits yet; the block's words are zero.
+    /// Adds a feed to a store without commits; the block's words are zero.
     static void put_into(const graph::Frames<Memory>& frames, Offset block) {
         frames.store_word(graph::kFeedFloor).store_relaxed(1);
         frames.store_word(graph::kFeedLimit).store_relaxed(kWords);
         frames.store_word(graph::kFeed).store_relaxed(block);
     }
 
-    /// False: the store keeps none.
+    /// False: the store has no feed.
     [[nodiscard]] bool is_kept() const { return block_ != 0; }
     [[nodiscard]] typename Memory::Word& entry(CommitNumber commit) const {
         return frames_.memory().word(block_ + 8 * (commit & (kCommits - 1)));
@@ -98,18 +101,18 @@ public:
     [[nodiscard]] typename Memory::Word& word(std::uint64_t position) const {
         return frames_.memory().word(block_ + 8 * (kCommits + (position & (kWords - 1))));
     }
-    /// The oldest commit that is whole in the ring, or the next one if none is. It is raised before
-    /// anything of the older ones is overwritten.
+    /// The oldest commit that the ring holds completely, or the next commit if it holds none. It is
+    /// raised before a word of an older commit is overwritten.
     [[nodiscard]] typename Memory::Word& floor() const {
         return frames_.store_word(graph::kFeedFloor);
     }
-    /// Up to this position nothing is overwritten that is whole.
+    /// Writes up to this position overwrite no complete commit.
     [[nodiscard]] typename Memory::Word& limit() const {
         return frames_.store_word(graph::kFeedLimit);
     }
 
-    /// Copies the notes of the commits from `first` to `last`, all of them published: their words
-    /// in a row, and where those of each end. False: some were overwritten.
+    /// Copies the notes of the published commits from `first` to `last`: their words in a row, and
+    /// the end of each commit's words. False: some were overwritten.
     [[nodiscard]] bool read(CommitNumber first, CommitNumber last,
                             std::vector<std::uint64_t>& words,
                             std::vector<std::size_t>& ends) const {
@@ -123,7 +126,7 @@ public:
         if (!is_whole(first))
             return false;
         for (const std::uint64_t found : entries) {
-            // Only a damaged word gives more than the ring holds.
+            // Only a damaged word claims more than the ring holds.
             if (words.size() + FeedEntry::words(found) > kWords)
                 return false;
             for (std::uint64_t at = FeedEntry::first(found); at < FeedEntry::end(found); ++at)
@@ -133,8 +136,8 @@ public:
         return is_whole(first);
     }
 
-    /// Calls visit(note) for the notes of the newest commit, unless those are more than the ring
-    /// holds. Only for the holder of the commit lock.
+    /// Calls visit(note) for the newest commit's notes, unless they exceed the ring. Only for the
+    /// holder of the commit lock.
     template <class Visit>
     void visit_newest(CommitNumber commit, Visit visit) const {
         if (!is_kept() || floor().load_relaxed() > commit)
@@ -152,7 +155,7 @@ public:
     }
 
 private:
-    /// What was read of this commit and later ones was not overwritten before.
+    /// Whether the words of this commit and later ones were complete when they were read.
     [[nodiscard]] bool is_whole(CommitNumber first) const {
         Memory::fence_acquire();
         return floor().load_relaxed() <= first;
@@ -162,7 +165,7 @@ private:
     Offset block_;
 };
 
-/// Notes what one commit touches.
+/// Notes the frames that one commit touches.
 /// Threads: only the holder of the commit lock. Guarantee: wait-free; allocates nothing.
 template <class Memory>
 class FeedWriter {
@@ -180,13 +183,13 @@ public:
         feed_.entry(commit_).store_release(entry_);
     }
 
-    /// Before anything of the frame is changed. Returns the note's position.
+    /// Call before the frame is changed. Returns the note's position.
     std::uint64_t note(FrameId id, unsigned what, std::uint64_t count, std::uint64_t authority) {
         const std::uint64_t position = at_;
         put(FeedNote::pack(id, what, count, authority));
         return position;
     }
-    /// The same of a frame that is to be removed. `name_word(i)`: eight bytes of its name.
+    /// The same for a frame that is to be removed. `name_word(i)`: eight bytes of its name.
     template <class NameWord>
     void note_removal(FrameId id, std::uint64_t name_bytes, NameWord name_word) {
         const std::uint64_t note = FeedNote::pack(id, FeedNote::kRemoved, name_bytes);
@@ -194,7 +197,7 @@ public:
         for (std::uint64_t i = 0; i < FeedNote::name_words(note); ++i)
             put(name_word(i));
     }
-    /// Before the commit is published: what became of it.
+    /// Call before the commit is published: stores the final note.
     void correct(std::uint64_t position, FrameId id, unsigned what, std::uint64_t count,
                  std::uint64_t authority) {
         if (position < at_)
@@ -203,11 +206,11 @@ public:
 
 private:
     using Words = Feed<Memory>;
-    /// So much room is made at once.
+    /// The space that is freed at a time.
     static constexpr std::uint64_t kRoom = std::max<std::uint64_t>(1, Words::kWords / 64);
 
     void put(std::uint64_t word) {
-        // A store without a feed has no room.
+        // A store without a feed has no space.
         if (at_ >= limit_ && !make_room()) [[unlikely]]
             return;
         feed_.word(at_++).store_relaxed(word);
@@ -218,7 +221,7 @@ private:
         Memory::fence_release();
     }
 
-    /// Gives up the oldest commits. False: this one is larger than the ring, or none is left.
+    /// Drops the oldest commits. False: this commit exceeds the ring, or none is left to drop.
     [[nodiscard, gnu::noinline]] bool make_room() {
         if (!feed_.is_kept() || FeedEntry::words(entry_) == FeedEntry::kTooLarge)
             return false;
@@ -240,7 +243,7 @@ private:
             entry_ = FeedEntry::pack(first, FeedEntry::kTooLarge);
             feed_.entry(commit_).store_release(entry_);
         }
-        // After a death between the two, the next writer must not overwrite what still counts.
+        // After a death between the two stores, the next writer must not overwrite valid words.
         raise_floor(floor);
         feed_.limit().store_relaxed(limit_);
         return fits;
@@ -248,7 +251,7 @@ private:
 
     Words feed_;
     CommitNumber commit_;
-    std::uint64_t entry_ = 0;  // as it is in the index
+    std::uint64_t entry_ = 0;  // its index word
     std::uint64_t at_ = 0;     // position of the next note
     std::uint64_t limit_ = 0;
 };

@@ -1,4 +1,4 @@
-// Where in a list a frame stands.
+// Positions of frames in a list.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +10,8 @@
 
 namespace tfdb::txn {
 
-/// Places by frame, in one flat table that is emptied without being walked.
-/// Threads: one. Guarantee: what throws leaves it as it was.
+/// Positions by frame, in one flat table with O(1) `clear`.
+/// Threads: one. Guarantee: an exception leaves it unchanged.
 class FramePlaces {
 public:
     static constexpr std::uint32_t kNone = ~std::uint32_t{0};
@@ -23,7 +23,7 @@ public:
     [[nodiscard]] std::uint32_t find(FrameId id) const {
         return used_ == 0 ? kNone : entries_[entry_of(id)].place_in(round_);
     }
-    /// kNone: it has none any more.
+    /// kNone: removes the frame's position.
     void set(FrameId id, std::uint32_t place) {
         if (2 * (used_ + 1) > entries_.size())
             grow();
@@ -43,7 +43,7 @@ private:
         }
     };
 
-    /// The frame's entry, or the one that it would get.
+    /// Index of the frame's entry, or of the entry that it would get.
     [[nodiscard]] std::size_t entry_of(FrameId id) const {
         const std::size_t mask = entries_.size() - 1;
         std::size_t at = (id * std::size_t{0x9E37'79B9'7F4A'7C15} >> 32U) & mask;
@@ -60,14 +60,13 @@ private:
         }
     }
 
-    std::vector<Entry> entries_;  // a power of two
+    std::vector<Entry> entries_;  // size is a power of two
     std::size_t used_ = 0;
-    std::uint64_t round_ = 1;  // entries of others are free
+    std::uint64_t round_ = 1;  // entries of other rounds are free
 };
 
-/// The lists of a transaction, which the next one of the thread that ends it need not grow again.
-/// Threads: one at a time. Guarantee: each thread keeps one of them at most, and none that is
-/// large.
+/// Lists of a transaction, reused by the next transaction of the thread that ends it.
+/// Threads: one at a time. Guarantee: each thread keeps at most one, and no large one.
 template <class Lists>
 class KeptByThread {
 public:

@@ -1,4 +1,4 @@
-// A set of frames that is emptied at once, with a place for each.
+// A set of frames with O(1) `clear`, and a position for each frame.
 #pragma once
 
 #include <cstdint>
@@ -8,17 +8,17 @@
 
 namespace tfdb::txn {
 
-/// Threads: one. Guarantee: `contains`, `insert` and `clear` are O(1); memory is asked for only
-/// where a frame has a greater id than all before.
+/// Threads: one. Guarantee: `contains`, `insert` and `clear` are O(1); it allocates only if a
+/// frame's id is greater than all before.
 class FrameSet {
 public:
     void clear() { ++round_; }
     [[nodiscard]] bool contains(FrameId id) const {
         return id < entries_.size() && entries_[id].round == round_;
     }
-    /// The value that `insert` got for a frame.
+    /// The position that `insert` stored for a frame.
     [[nodiscard]] std::uint32_t place(FrameId id) const { return entries_[id].place; }
-    /// False: it was there.
+    /// False: the frame is already in the set.
     bool insert(FrameId id, std::uint32_t place = 0) {
         make_room(id);
         Entry& entry = entries_[id];
@@ -27,7 +27,7 @@ public:
         entry = {round_, place};
         return true;
     }
-    /// To insert a frame up to this one then asks for no memory.
+    /// Allocates in advance, so that inserting frames up to this one does not.
     void make_room(FrameId id) {
         if (id >= entries_.size()) [[unlikely]]
             grow(id);
@@ -35,7 +35,7 @@ public:
 
 private:
     struct Entry {
-        std::uint64_t round = 0;  // in which it was inserted last
+        std::uint64_t round = 0;  // of the last insertion
         std::uint32_t place = 0;
     };
     [[gnu::noinline]] void grow(FrameId id) {

@@ -1,4 +1,4 @@
-// An edge as a transaction sees it: the store's samples, and its own laid over them.
+// An edge as a transaction sees it: the store's samples, overlaid with its own.
 #pragma once
 
 #include <algorithm>
@@ -12,9 +12,9 @@
 
 namespace tfdb::txn {
 
-/// Answers what history::EdgeView answers, as if the transaction's samples had been committed, and
-/// notes of each answer which samples of others would have changed it. An own sample has no slot in
-/// the store, and kOwn in its place.
+/// Has the functions of history::EdgeView, and answers as if the transaction's samples were
+/// committed. For each answer it records which samples of others would have changed the answer. The
+/// slot of an own sample is kOwn, because it has none in the store.
 /// Threads: one. Guarantee: that of the view below.
 template <class Base>
 class MergedEdge {
@@ -27,8 +27,8 @@ public:
     using Own = typename WriteSet<Memory>::Edge;
     using Reads = typename Base::Reads;
 
-    /// `reads` null: nothing is noted. `cleared`: moving samples of the store are no more. False:
-    /// overtaken.
+    /// `reads` null: no recording. `cleared`: the store's moving samples are hidden. False:
+    /// overtaken by a writer.
     [[nodiscard]] bool open(const typename Base::Below& below, FrameId id, const Own* own,
                             bool is_own_frame, bool cleared, clock::StampNs history, Reads* reads) {
         own_ = own;
@@ -67,7 +67,7 @@ public:
             note_all();
         return fixed;
     }
-    /// True depends on every sample.
+    /// The answer true depends on every sample.
     [[nodiscard]] bool one_parent() const {
         const bool one = own_ == nullptr && has_base_ && base_.one_parent();
         if (one)
@@ -129,12 +129,12 @@ public:
         return {sample(at).parent, kOwnCommit, sample(at).payload};
     }
 
-    /// It had samples of others, and has none since a clear.
+    /// Whether it had samples of others and a clear removed them all.
     [[nodiscard]] bool cleared() const {
         return own_ == nullptr && (was_cleared_ || (has_base_ && base_.cleared()));
     }
-    /// Calls visit(sample) for the sample of a moving edge at or before `from`, for all up to `to`
-    /// and for the one after it, until `visit` returns false.
+    /// Calls visit(sample) for a moving edge: for the sample at or before `from`, for all up to
+    /// `to`, and for the one after it, until `visit` returns false.
     template <class Visit>
     [[nodiscard]] bool visit(StampNs from, StampNs to, Visit visit) const {
         history::Bracket around;
@@ -148,7 +148,7 @@ public:
         }
         return true;
     }
-    /// All samples of a moving edge in figures; looks at each of them.
+    /// The extent of a moving edge's samples; reads each of them.
     [[nodiscard]] bool extent(history::Extent& out) const {
         out = {};
         return visit(kDawn / 2, kDusk, [&](const SampleAt& at) {
@@ -157,8 +157,8 @@ public:
         });
     }
 
-    /// For the writer's checks, which note less than an answer would need: whether there are
-    /// samples, whether they are static, and the newest stamp.
+    /// For the writer's checks, which record less than an answer: whether there are samples,
+    /// whether they are static, and the newest stamp.
     [[nodiscard]] bool has_samples() const {
         return own_ != nullptr || (has_base_ && !base_.empty());
     }
@@ -171,7 +171,7 @@ public:
             return below;
         return at_own(own_->newest());
     }
-    /// How many own samples come before the newest of others: the commit will count them as late.
+    /// The number of own samples before the others' newest: the commit counts them as late.
     [[nodiscard]] std::size_t own_late() const {
         const SampleAt below = has_base_ ? base_.newest() : SampleAt{};
         if (own_ == nullptr || own_->is_static || !below)
@@ -183,7 +183,7 @@ public:
         if (reads_ != nullptr)
             reads_->note_all(place_);
     }
-    /// That the sample at `stamp` is not too old was relied upon.
+    /// Records that the transaction relied on retention of the sample at `stamp`.
     void note_used(clock::StampNs stamp) const {
         if (reads_ != nullptr)
             reads_->note_used(place_, stamp);
@@ -195,8 +195,8 @@ private:
     static constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();
     static constexpr StampNs kDusk = std::numeric_limits<StampNs>::max();
 
-    /// Goes on as if the store had no samples of the edge: the commit will clear what moving ones
-    /// there are then. Only a static pose would show. False: overtaken.
+    /// Continues as if the store had no samples of the edge: the commit clears the moving ones that
+    /// exist then. Only a static pose would remain visible. False: overtaken by a writer.
     [[nodiscard]] bool pass_base() {
         was_cleared_ = base_.cleared() || !base_.empty();
         if (!base_.confirm())
@@ -217,7 +217,7 @@ private:
         return std::upper_bound(samples.begin(), samples.end(), stamp,
                                 [](StampNs a, const OwnSample& b) { return a < b.stamp; });
     }
-    /// A committed sample at an own sample's stamp would be replaced by that.
+    /// An own sample replaces a committed sample with the same stamp.
     [[nodiscard]] static StampNs from_of(const SampleAt& at) {
         return is_own(at) ? at.stamp + 1 : at.stamp;
     }
@@ -231,8 +231,8 @@ private:
         reads_->note_used(place_, used);
     }
 
-    /// The samples around a stamp among both, own ones first where stamps are equal. Retention is
-    /// counted from the newest sample of both.
+    /// The samples around a stamp among both; own ones win at equal stamps. Retention counts from
+    /// the newest sample of both.
     [[nodiscard]] bool find_around(StampNs stamp, history::Bracket& out) const {
         out = {};
         if (has_base_ && !base_.empty()) {
@@ -265,7 +265,7 @@ private:
     Reads* reads_ = nullptr;
     std::size_t place_ = 0;
     bool has_base_ = false;
-    bool was_cleared_ = false;  // the store has samples of the edge that this transaction cleared
+    bool was_cleared_ = false;  // the transaction cleared the edge's samples in the store
     StampNs cutoff_ = std::numeric_limits<StampNs>::min();
 };
 

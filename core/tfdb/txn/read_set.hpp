@@ -1,4 +1,4 @@
-// What a transaction has read, kept as what would have to change for its answers to change.
+// The reads of a transaction, kept as the changes that would alter its answers.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,7 @@
 
 namespace tfdb::txn {
 
-/// Why what was read is no longer so.
+/// Why a read is outdated.
 struct ReadConflict {
     enum Kind : std::uint8_t {
         kNone,
@@ -35,9 +35,9 @@ struct ReadConflict {
     [[nodiscard]] explicit operator bool() const { return kind != kNone; }
 };
 
-/// Frames, edges, names and lists of children that answers depend on. An edge is noted as ranges of
-/// stamps: a read between two samples of the past does not mind what is appended.
-/// Threads: one. Guarantee: `validate` never misses a change; it wants all writers held off.
+/// Frames, edges, names and child lists on which answers depend. An edge's reads are ranges of
+/// stamps: a read between two past samples does not conflict with an append.
+/// Threads: one. Guarantee: `validate` never misses a change; it requires that no writer is active.
 class ReadSet {
 public:
     void clear() {
@@ -47,12 +47,12 @@ public:
         children_.clear();
         every_frame_ = false;
     }
-    /// Whether it is worth to be kept for the next transaction.
+    /// Whether it is worth keeping for the next transaction.
     [[nodiscard]] bool is_small() const {
         return frames_.size() <= kMostKept && absent_.bucket_count() <= kMostKept;
     }
 
-    /// The frame exists. Returns its place, which stays.
+    /// Records that the frame exists. Returns its stable position.
     std::size_t note_frame(FrameId id, std::uint32_t generation) {
         if (last_ < noted_ && frames_[last_].id == id)
             return last_;
@@ -67,30 +67,31 @@ public:
         last_ = place;
         return last_;
     }
-    /// The frame's edge was looked at: that it was cleared or stored static would show.
+    /// Records a read of the frame's edge: a clear or a static pose would change it.
     void note_edge(std::size_t place) { frames_[place].edge = true; }
-    /// A new sample within the stamps, ends included, would show.
+    /// Records a range: a new sample within the stamps, ends included, would change the read.
     void note_range(std::size_t place, history::StampRange range) {
         if (range.from <= range.to)
             add(frames_[place].ranges, range);
     }
     void note_all(std::size_t place) { note_range(place, {}); }
-    /// A sample was used: that it is no longer retained would show.
+    /// Records a used sample: its eviction would change the read.
     void note_used(std::size_t place, clock::StampNs stamp) {
         clock::StampNs& lowest = frames_[place].lowest;
         if (stamp >= 0 && (lowest < 0 || stamp < lowest))
             lowest = stamp;
     }
-    /// All frames that exist have been noted: another one would show.
+    /// Records that all existing frames were noted: another frame would change the read.
     void note_every_frame() { every_frame_ = true; }
     void note_absent(std::string_view name) { absent_.emplace(name); }
-    /// The frame's children by newest parents, ascending; none needs no search at the end.
+    /// Records the frame's children by newest parents, ascending; an empty list needs no search at
+    /// the end.
     void note_children(FrameId id, std::vector<FrameId> children) {
         children_.emplace_back(id, std::move(children));
     }
 
-    /// Whether commit `now` differs from commit `since` in anything that was read. `edges` false:
-    /// only frames, names and children are asked for.
+    /// Whether commit `now` differs from commit `since` in any recorded read. `edges` false:
+    /// compares only frames, names and children.
     template <class Memory>
     [[nodiscard]] ReadConflict validate(const graph::Frames<Memory>& frames, clock::StampNs history,
                                         CommitNumber since, CommitNumber now, bool edges) const {
@@ -125,8 +126,8 @@ private:
         FrameId id = kNoFrame;
         std::uint32_t generation = 0;
         bool edge = false;
-        clock::StampNs lowest = history::kNoStamp;  // stamp that was used
-        std::vector<history::StampRange> ranges;    // sorted, apart
+        clock::StampNs lowest = history::kNoStamp;  // stamp of the oldest used sample
+        std::vector<history::StampRange> ranges;    // sorted, disjoint
 
         void start(FrameId of, std::uint32_t its_generation) {
             id = of;
@@ -136,7 +137,7 @@ private:
             ranges.clear();
         }
     };
-    static constexpr std::size_t kMostRanges = 64;  // beyond, neighbours become one
+    static constexpr std::size_t kMostRanges = 64;  // beyond, neighbours are merged
     static constexpr std::size_t kMostKept = 256;
 
     static void add(std::vector<history::StampRange>& ranges, history::StampRange range) {
@@ -184,7 +185,7 @@ private:
         return {};
     }
 
-    std::vector<Frame> frames_;  // those beyond `noted_` wait for their next use
+    std::vector<Frame> frames_;  // entries beyond `noted_` are kept for reuse
     std::size_t noted_ = 0;
     FramePlaces places_;
     std::size_t last_ = 0;

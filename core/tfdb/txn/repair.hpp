@@ -1,4 +1,4 @@
-// What a writer that died left: taken back to the last commit.
+// Rolls the state back to the last commit after a writer died.
 #pragma once
 
 #include <algorithm>
@@ -13,11 +13,10 @@
 
 namespace tfdb::txn {
 
-/// Goes through all frames and leaves out what is newer than the last commit. It keeps no log and
-/// reads none: what a frame's header says is newer tells where to look, and what is counted or
-/// listed elsewhere is counted and listed anew. So it may be ended at any instruction, and done
-/// again.
-/// Threads: only the holder of the commit lock. Guarantee: readers go on beside it.
+/// Visits all frames and excludes data newer than the last commit. It needs no log: a frame's
+/// header words of newer commits show where to look, and counts and lists elsewhere are rebuilt. So
+/// it may be interrupted at any instruction and repeated.
+/// Threads: only the holder of the commit lock. Guarantee: readers run concurrently.
 template <class Memory>
 class Repair {
 public:
@@ -26,7 +25,7 @@ public:
           names_(frames),
           context_(frames.store_word(graph::kCommit).load_relaxed(), history, readers) {}
 
-    /// Throws std::bad_alloc before anything is changed.
+    /// Throws std::bad_alloc before it changes anything.
     void run() {
         const std::uint32_t count = frames_.count();
         retired_.reserve(count);
@@ -63,7 +62,7 @@ private:
             retired_.push_back({died, id});
     }
 
-    /// A frame that no state shows, or a slot that has none.
+    /// Clears a frame that no state shows, or a slot without a frame.
     void unmake(FrameId id) {
         if (frames_.born(id) != kMaxCommit)
             frames_.seal(id);
@@ -71,7 +70,7 @@ private:
             names_.erase(id);
             frames_.word(id, history::kName).store_release(0);
         }
-        // Its blocks, and that of its name, are found when the region is swept.
+        // A sweep of the region finds its blocks and the block of its name.
         for (const auto w : {history::kTail, history::kDirectory, history::kOlder, history::kDied})
             frames_.word(id, w).store_relaxed(0);
     }
@@ -91,8 +90,7 @@ private:
         }
     }
 
-    /// First slots that were never published, then those of removed frames in the order of their
-    /// deaths.
+    /// Lists slots that were never published, then those of removed frames in the order of removal.
     void list_slots() {
         std::sort(retired_.begin(), retired_.end());
         for (const auto w : {graph::kFreeHead, graph::kFreeTail, graph::kFreeFull})

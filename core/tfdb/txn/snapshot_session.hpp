@@ -1,4 +1,4 @@
-// The default engine: reads from a snapshot that is held, one commit at a time.
+// The default engine: reads from a held snapshot, one commit at a time.
 #pragma once
 
 #include <span>
@@ -9,8 +9,8 @@
 
 namespace tfdb::txn {
 
-/// A transaction that reads commit S and is validated, under the commit lock, against what was
-/// committed since. `Lock` is the store's commit lock.
+/// A transaction that reads commit S. Under the commit lock it is validated against the commits
+/// since S. `Lock` is the store's commit lock.
 /// Threads: one at a time. Guarantee: reads never wait; `begin(kAlone)` and `become_alone` block.
 template <class M, class Lock>
 class SnapshotSession {
@@ -41,7 +41,7 @@ public:
     [[nodiscard]] View view() { return {frames_, commit_, history_}; }
     [[nodiscard]] bool confirm() { return true; }
     [[nodiscard]] CommitNumber read_as_of() { return commit_; }
-    /// Only an exclusive session writes.
+    /// Only a session that is alone writes.
     [[nodiscard]] bool lock(std::span<const FrameId>) { return alone_; }
     [[nodiscard]] CommitNumber take_ticket() { return commit_ + 1; }
 
@@ -81,7 +81,7 @@ private:
     clock::StampNs history_;
     bool urgent_;
     CommitNumber commit_ = 0;
-    unsigned pin_ = 0;  // which count of held snapshots, if pinned
+    unsigned pin_ = 0;  // the count of held snapshots, if pinned
     bool pinned_ = false;
     bool alone_ = false;
 };

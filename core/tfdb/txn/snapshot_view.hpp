@@ -10,29 +10,29 @@
 
 namespace tfdb::txn {
 
-/// Newer than any commit: what a frame holds is what it says.
+/// Newer than any commit: frames are read as they are now.
 inline constexpr CommitNumber kSeesAll = kMaxCommit - 1;
 
 /// State number `commit` of the forest.
-/// Threads: any; it is a value. Guarantee: wait-free; writers are never hindered.
+/// Threads: any; it is a value. Guarantee: wait-free; it never delays writers.
 template <class M>
 class SnapshotView {
 public:
     using Memory = M;
     using Edge = history::EdgeView<Memory>;
 
-    /// `commit`: may be one that is newer than any; the frames are then read as they are.
+    /// `commit` may be kSeesAll; frames are then read as they are now.
     SnapshotView(graph::Frames<Memory> frames, CommitNumber commit, clock::StampNs history)
         : frames_(frames), commit_(commit), as_of_(now()), history_(history) {}
 
     [[nodiscard]] bool open(FrameId id, Edge& edge) const {
         if (!edge.open(frames_.memory(), frames_.header(id), commit_, history_, as_of()))
             return false;
-        // Not born yet, or a frame of this state whose slot was reused since.
+        // Not born yet, or the slot of a frame of this state was reused since.
         return !edge.empty() || frames_.born(id) <= commit_ ||
                frames_.store_word(graph::kRecycleFloor).load_acquire() <= commit_;
     }
-    /// What was loaded before anything is read. One that goes on for long begins anew at each
+    /// The values loaded before any read. A view of the current frames loads them again for each
     /// frame.
     [[nodiscard]] history::AsOf as_of() const { return commit_ == kSeesAll ? now() : as_of_; }
     [[nodiscard]] std::uint64_t topology(FrameId id) const { return frames_.topology(id); }
@@ -40,7 +40,7 @@ public:
     [[nodiscard]] bool alive_since(FrameId id, CommitNumber commit) const {
         return frames_.born(id) <= commit && frames_.alive(id, commit_);
     }
-    /// Of the frame in this state; kNoGeneration if the slot holds a later one.
+    /// The frame's generation in this state; kNoGeneration if the slot holds a later frame.
     [[nodiscard]] std::uint32_t generation(FrameId id) const {
         const std::uint64_t born = frames_.word(id, history::kBorn).load_relaxed();
         return born >> kFrameBits <= commit_ ? static_cast<std::uint32_t>(born & kNoFrame)
@@ -52,7 +52,7 @@ public:
     [[nodiscard]] clock::StampNs history() const { return history_; }
 
 private:
-    /// Of a state, its own number says which versions it needs.
+    /// For a state, its own number selects the versions.
     [[nodiscard]] history::AsOf now() const {
         const CommitNumber commit =
             commit_ == kSeesAll ? frames_.store_word(graph::kCommit).load_acquire() : commit_;
@@ -65,8 +65,8 @@ private:
     clock::StampNs history_;
 };
 
-/// The parent that a frame's newest sample names in a state, kNoFrame for a root. Only for the
-/// holder of the commit lock, which no writer overtakes.
+/// The parent in a frame's newest sample in a state; kNoFrame for a root. Only for the holder of
+/// the commit lock, which no writer overtakes.
 template <class Memory>
 [[nodiscard]] FrameId newest_parent(const graph::Frames<Memory>& frames, FrameId id,
                                     CommitNumber commit, clock::StampNs history) {

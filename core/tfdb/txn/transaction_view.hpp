@@ -1,4 +1,4 @@
-// The forest as a transaction sees it: what its session reads, with its own writes laid over it.
+// The forest as a transaction sees it: its session's reads, overlaid with its own writes.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 namespace tfdb::txn {
 
-/// A lookup::View that notes in a ReadSet what was asked and lays a WriteSet over the answers.
+/// A lookup::View that records queries in a ReadSet and overlays the answers with a WriteSet.
 /// Threads: one. Guarantee: that of the session's view.
 template <class S, class R = ReadSet>
 class TransactionView {
@@ -34,7 +34,7 @@ public:
     using Edge = MergedEdge<Parts>;
     static constexpr bool kNotesReads = true;
 
-    /// `reads` null: nothing is noted, because nothing can change.
+    /// `reads` null: no recording, because nothing can change.
     TransactionView(const Below& below, graph::Names<Memory> names, clock::StampNs history,
                     const WriteSet<Memory>& writes, Reads* reads)
         : below_(below), names_(names), history_(history), writes_(&writes), reads_(reads) {}
@@ -43,7 +43,7 @@ public:
         return edge.open(below_, id, writes_->edge(id), writes_->is_own(id), writes_->cleared(),
                          history_, reads_);
     }
-    /// A hint. Where the transaction gives a frame several parents, the samples must be asked.
+    /// A hint. If the transaction gives a frame several parents, only the samples are exact.
     [[nodiscard]] std::uint64_t topology(FrameId id) const {
         using history::Topology;
         const std::uint64_t below = writes_->is_own(id) ? Topology::kRoot : below_.topology(id);
@@ -76,7 +76,7 @@ public:
     }
     [[nodiscard]] CommitNumber commit() const { return below_.commit(); }
 
-    /// The frame of that name, or kNoFrame.
+    /// The frame with that name, or kNoFrame.
     [[nodiscard]] FrameId find(std::string_view name) const {
         if (writes_->made() != 0) {
             const FrameId own = writes_->find(name);

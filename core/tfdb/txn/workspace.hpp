@@ -1,4 +1,4 @@
-// A transaction in progress: its session, what it has read and what it has written.
+// A transaction in progress: its session, its reads and its writes.
 #pragma once
 
 #include <algorithm>
@@ -24,9 +24,8 @@ struct EdgeKind {
     clock::StampNs newest = history::kNoStamp;
 };
 
-/// Reads and writes of one transaction. Where a call returns kLapped, the transaction has a
-/// conflict. Threads: one. Guarantee: that of the session; what is asked is noted, what is put is
-/// private.
+/// Reads and writes of one transaction. If a call returns kLapped, the transaction has a conflict.
+/// Threads: one. Guarantee: that of the session; reads are recorded, writes are private.
 template <Session S, class R = ReadSet>
 class Workspace {
 public:
@@ -35,7 +34,8 @@ public:
     using View = TransactionView<S, R>;
     using Writes = WriteSet<Memory>;
 
-    /// `session`: what S is made from. Alone, nothing is noted: nothing can change.
+    /// `session`: arguments of S. A session that is alone records no reads, because nothing can
+    /// change.
     template <class... Args>
     Workspace(graph::Frames<Memory> frames, clock::StampNs history, Mode mode, Args&&... session)
         : frames_(frames),
@@ -53,8 +53,8 @@ public:
                 noting_ ? &reads() : nullptr};
     }
 
-    /// Runs `body(view)` until no writer overtakes it. kLapped: they did again and again, or what
-    /// was read has changed.
+    /// Runs `body(view)` until no writer overtakes it. kLapped: writers overtook it repeatedly, or
+    /// an earlier read is outdated.
     template <class Body>
     [[nodiscard]] Outcome steadily(Body body) {
         constexpr int kTries = 16;
@@ -68,7 +68,7 @@ public:
         }
         return session_.confirm() ? outcome : Outcome::kLapped;
     }
-    /// What is missing in the state that is read may be a frame whose slot was reused since.
+    /// A frame may be missing in the view's state because its slot was reused since.
     [[nodiscard]] Outcome unless_reused(const View& view, Outcome outcome) const {
         Memory::fence_acquire();
         const CommitNumber floor = frames_.store_word(graph::kRecycleFloor).load_relaxed();
@@ -83,7 +83,8 @@ public:
         });
     }
 
-    /// What a sample at `stamp` (or kStaticStamp) will meet. That it goes on to fit is noted.
+    /// Reads the kind of edge that a sample at `stamp` (or kStaticStamp) meets. It records the
+    /// conditions under which the sample still fits.
     [[nodiscard]] Outcome look_at(FrameId child, clock::StampNs stamp, EdgeKind& kind) {
         return steadily([&](const View& view) {
             typename View::Edge edge;
@@ -100,11 +101,11 @@ public:
             else if (stamp >= kind.newest - history_)
                 edge.note_used(stamp);
             else
-                edge.note_newest(kind.newest);  // the error will name it
+                edge.note_newest(kind.newest);  // the error names it
             return Outcome::kOk;
         });
     }
-    /// `look_at` came before, for a frame that the transaction has not made itself.
+    /// Requires `look_at` before, unless the transaction created the frame.
     void put(FrameId child, const typename Writes::Sample& sample) {
         using history::Topology;
         const bool bare = writes_->is_own(child) || writes_->cleared();
@@ -133,7 +134,7 @@ public:
         });
     }
 
-    /// Those whose newest parent is the frame, ascending.
+    /// The frames whose newest parent is the frame, ascending.
     [[nodiscard]] Outcome children_of(FrameId id, std::vector<FrameId>& children) {
         children = writes_->naming(id);
         if (!writes_->is_own(id) && !append_stored_children(id, children))
@@ -157,7 +158,7 @@ private:
         return steadily(
             [&](const View& view) { return lookup::parent_at(view, child, std::nullopt, parent); });
     }
-    /// Those that the transaction removes are still there for others.
+    /// Frames that the transaction removes still exist for other sessions.
     void note_every_frame() {
         for (const FrameId id : writes_->removed()) {
             if (!writes_->is_own(id))
@@ -165,8 +166,8 @@ private:
         }
         reads_->note_every_frame();
     }
-    /// By the store alone. Where the frame has no children now, that is what is noted: the state
-    /// that is read may have had some, but they are gone for good or the commit will find them.
+    /// Appends the store's own children. If the frame has no children now, that is recorded:
+    /// children in the state that is read are either gone for good, or the commit finds them.
     [[nodiscard]] bool append_stored_children(FrameId id, std::vector<FrameId>& children) {
         std::vector<FrameId> stored;
         if (frames_.word(id, history::kChildren).load_relaxed() != 0) {
@@ -188,7 +189,7 @@ private:
     S session_;
     KeptByThread<R> reads_;
     KeptByThread<Writes> writes_;
-    ChildIndex index_;  // of the state that is read
+    ChildIndex index_;  // for the state that is read
     bool indexed_ = false;
 };
 

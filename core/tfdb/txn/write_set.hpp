@@ -1,4 +1,4 @@
-// What a transaction has written, kept as the state that it will leave, until its commit.
+// The writes of a transaction before its commit, kept as the state that they produce.
 #pragma once
 
 #include <algorithm>
@@ -19,12 +19,12 @@ namespace tfdb::txn {
 
 /// The commit number of a transaction's samples before its commit.
 inline constexpr CommitNumber kOwnCommit = kMaxCommit - 1;
-/// The generation of a frame that a transaction has made: none that a slot can have.
+/// The generation of frames created by a transaction: no slot has it.
 inline constexpr std::uint32_t kOwnGeneration = kNoFrame + 1;
 
-/// Samples, new frames and removed frames of one transaction. Frames that it makes have ids of its
-/// own, from kNoFrame - 1 downward.
-/// Threads: one. Guarantee: the order of the calls shows only in what it leaves.
+/// Samples, new frames and removed frames of one transaction. Frames that it creates have their own
+/// ids, from kNoFrame - 1 downward.
+/// Threads: one. Guarantee: the order of the calls matters only as far as it changes the result.
 template <class Memory>
 class WriteSet {
 public:
@@ -32,10 +32,10 @@ public:
         clock::StampNs stamp = 0;  // or kStaticStamp
         FrameId parent = kNoFrame;
         std::array<std::uint64_t, Memory::kPayloadWords> payload{};
-        std::uint32_t authority = 0;  // position among `authorities`
+        std::uint32_t authority = 0;  // index into `authorities`
     };
-    /// Of one edge. Late ones wait behind the others until all are read.
-    /// Threads: one. Guarantee: each stamp once, the last that was put.
+    /// Samples of one edge. Late samples are sorted in on the first read.
+    /// Threads: one. Guarantee: each stamp once, with the last sample put.
     class Samples {
     public:
         void clear() {
@@ -44,7 +44,7 @@ public:
         }
         [[nodiscard]] bool empty() const { return all_.empty(); }
         [[nodiscard]] const Sample& newest() const { return all_[newest_]; }
-        /// True if it is the newest now.
+        /// True if the sample is now the newest.
         bool put(const Sample& sample) {
             const bool last = empty() || sample.stamp >= newest().stamp;
             const bool sorted = last && sorted_ == all_.size();
@@ -82,16 +82,16 @@ public:
         }
 
         mutable std::vector<Sample> all_;
-        mutable std::size_t sorted_ = 0;  // so many are in order
+        mutable std::size_t sorted_ = 0;  // number of sorted samples
         mutable std::size_t newest_ = 0;
     };
     struct Edge {
         FrameId child = kNoFrame;
         bool is_static = false;
-        bool mixed = false;           // several parents, the store's own included
-        std::uint32_t depth = 0;      // hint, of the newest sample's parent plus one
-        std::uint32_t authority = 0;  // of the last write, whatever its stamp
-        Samples samples;              // a static edge has one
+        bool mixed = false;           // several parents, including the store's own
+        std::uint32_t depth = 0;      // hint: depth of the newest sample's parent plus one
+        std::uint32_t authority = 0;  // of the last write, regardless of its stamp
+        Samples samples;              // a static edge has one sample
 
         [[nodiscard]] const Sample& newest() const { return samples.newest(); }
     };
@@ -110,7 +110,7 @@ public:
         authorities_.clear();
         cleared_ = false;
     }
-    /// Whether it is worth to be kept for the next transaction.
+    /// Whether it is worth keeping for the next transaction.
     [[nodiscard]] bool is_small() const {
         return edges_.size() <= kMostKept && most_samples_ <= kMostKept &&
                names_.bucket_count() <= kMostKept && removed_.bucket_count() <= kMostKept;
@@ -124,20 +124,20 @@ public:
         return id < kNoFrame && place_of(id) < made_.size();
     }
     [[nodiscard]] bool is_removed(FrameId id) const { return removed_.contains(id); }
-    /// The frame of that name that this transaction has made, or kNoFrame.
+    /// The frame of that name created by this transaction, or kNoFrame.
     [[nodiscard]] FrameId find(std::string_view name) const {
         const auto found = names_.find(std::string(name));
         return found == names_.end() ? kNoFrame : found->second;
     }
     [[nodiscard]] const std::string& name(FrameId own) const { return made_[place_of(own)]; }
-    /// Of the frames that this transaction has made and not removed again.
+    /// Names of the frames that this transaction created and did not remove.
     [[nodiscard]] std::vector<std::string> names() const {
         std::vector<std::string> names;
         for (const auto& [name, id] : names_)
             names.push_back(name);
         return names;
     }
-    /// The id that the next frame gets.
+    /// The id of the next frame.
     [[nodiscard]] FrameId next_id() const {
         return kNoFrame - 1 - static_cast<FrameId>(made_.size());
     }
@@ -148,7 +148,7 @@ public:
         return id;
     }
 
-    /// The frame and what was written to it is no more.
+    /// Drops the frame and all writes to it.
     void remove(FrameId id) {
         removed_.insert(id);
         if (is_own(id))
@@ -158,7 +158,7 @@ public:
             drop(edges_[place]);
     }
 
-    /// All moving samples are no more, those of the store and those written so far.
+    /// Drops all moving samples: the store's, and those written so far.
     void clear_moving() {
         cleared_ = true;
         for (Edge& edge : std::span(edges_).first(written_)) {
@@ -167,10 +167,10 @@ public:
         }
         std::erase_if(naming_, [this](const Naming& n) { return edge(n.second) == nullptr; });
     }
-    /// Whether the store's moving samples are no more.
+    /// Whether the store's moving samples are dropped.
     [[nodiscard]] bool cleared() const { return cleared_; }
 
-    /// The edge as written by this transaction, null if it was not.
+    /// The transaction's writes to an edge; null if there are none.
     [[nodiscard]] const Edge* edge(FrameId child) const {
         const std::uint32_t place = places_.find(child);
         return place == FramePlaces::kNone ? nullptr : &edges_[place];
@@ -191,7 +191,8 @@ public:
         if (naming_.empty() || naming_.back() != naming)
             naming_.push_back(naming);
     }
-    /// Frames with own samples of which one, perhaps an older one, names the parent; some twice.
+    /// Frames with an own sample, possibly not the newest, that names the parent; may contain
+    /// duplicates.
     [[nodiscard]] std::vector<FrameId> naming(FrameId parent) {
         if (!std::is_sorted(naming_.begin(), naming_.end()))
             std::sort(naming_.begin(), naming_.end());
@@ -215,8 +216,8 @@ public:
         return authority_name(edge.authority);
     }
 
-    /// In the order of their first samples; `child` is kNoFrame where the frame was removed since,
-    /// or its samples were cleared.
+    /// In the order of their first samples; `child` is kNoFrame if the frame was removed since, or
+    /// its samples were cleared.
     [[nodiscard]] std::span<const Edge> edges() const { return {edges_.data(), written_}; }
     [[nodiscard]] std::size_t made() const { return made_.size(); }
     [[nodiscard]] const std::unordered_set<FrameId>& removed() const { return removed_; }
@@ -227,7 +228,7 @@ public:
 
 private:
     static constexpr std::size_t kMostKept = 256;
-    /// A parent, and the child of which a sample names it.
+    /// A parent, and a child with a sample that names it.
     using Naming = std::pair<FrameId, FrameId>;
 
     void drop(Edge& edge) {
@@ -247,12 +248,12 @@ private:
         return static_cast<std::uint32_t>(written_++);
     }
 
-    std::vector<Edge> edges_;  // those beyond `written_` wait for their next use
+    std::vector<Edge> edges_;  // entries beyond `written_` are kept for reuse
     std::size_t written_ = 0;
-    std::size_t most_samples_ = 0;  // that any of them ever had
-    FramePlaces places_;            // of the edges
+    std::size_t most_samples_ = 0;  // maximum of any edge so far
+    FramePlaces places_;            // positions of the edges
     std::vector<Naming> naming_;
-    std::vector<std::string> made_;  // names, by place
+    std::vector<std::string> made_;  // names, by position
     std::unordered_map<std::string, FrameId> names_;
     std::unordered_set<FrameId> removed_;
     std::vector<std::string> authorities_;
