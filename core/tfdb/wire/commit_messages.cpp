@@ -17,8 +17,8 @@ using Row = CommitSample::Row;
 
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 
-/// What is left of the frames of a sample, by the places of their names.
-/// Threads: one. Guarantee: the names are views that stay as long as this.
+/// The kept frames of a sample, by the indices of their names.
+/// Threads: one. Guarantee: the names are views that live as long as this.
 class Frames {
 public:
     Frames(const CommitSample& sample, const ChooseName& choose) : names(sample.names) {
@@ -40,7 +40,7 @@ public:
     std::vector<std::string_view> names;
 
 private:
-    /// A name may stand twice in a sample: for a frame that was removed, and for a later one.
+    /// A sample may list a name twice: for a removed frame, and for a later one.
     void refuse_doubles(const CommitSample& sample) const {
         std::unordered_map<std::string_view, std::string_view> before;
         for (std::size_t place = 0; place < names.size(); ++place) {
@@ -62,19 +62,19 @@ private:
             std::bit_cast<geometry::Pose>(row.numbers)};
 }
 
-/// What a TFMessage can hold: its seconds have 31 bits.
+/// Whether a TFMessage can hold the stamp: its seconds have 31 bits.
 [[nodiscard]] bool is_sayable(const TransformView& view) {
     constexpr clock::StampNs kMost = clock::StampNs{std::numeric_limits<std::int32_t>::max()};
     return view.stamp >= 0 && view.stamp / clock::kNanosPerSecond <= kMost;
 }
 
-/// Makes the messages of commits one by one.
+/// Creates the messages of one commit after another.
 /// Threads: one. Guarantee: none.
 class Messages {
 public:
     Messages(const CommitSample& sample, const Frames& frames) : sample_(sample), frames_(frames) {}
 
-    /// Whether anything is left of it.
+    /// Whether the commit has kept data.
     [[nodiscard]] bool add(const CommitSample::Commit& commit, CommitNumber since) {
         start();
         const auto has_edge = [&](std::uint32_t at) { return frames_.has_edge(at); };
@@ -94,7 +94,7 @@ public:
             encode_whole(commit.number, since);
         return true;
     }
-    /// The last sample of each edge.
+    /// Adds the last sample of each edge.
     void add_state(const CommitSample::Commit& state, std::span<const std::byte> data) {
         start();
         order(state);
@@ -131,7 +131,7 @@ private:
         }
         std::ranges::sort(list, {}, [&](std::uint32_t at) { return frames_.names[at]; });
     }
-    /// The edges that are kept, by names: two stores with equal commits have equal messages.
+    /// Orders the kept edges by names: stores with equal commits then have equal messages.
     void order(const CommitSample::Commit& commit) {
         ordered_.clear();
         for (const Edge& edge : sample_.edges_of(commit)) {
@@ -155,7 +155,7 @@ private:
         if (!rows.empty() && !rows.back().gone)
             (void)say(edge, rows.back());
     }
-    /// Puts a sample into its message; false: no message holds it.
+    /// Adds a sample to its message; false: no message can hold it.
     [[nodiscard]] bool say(const Edge& edge, const Row& row) {
         const TransformView view = view_of(frames_, edge, row);
         if (!is_sayable(view))
@@ -170,7 +170,7 @@ private:
         if (!fixed_.empty())
             encode_tf_message(fixed_, Encoding::kCdr, made.fixed);
     }
-    /// Whether each frame that was made is in a transform.
+    /// Whether each created frame occurs in a transform.
     [[nodiscard]] bool are_made_seen() const {
         return std::all_of(made_.begin(), made_.end(), [&](std::uint32_t place) {
             const auto is_child = [&](const KeptEdge& kept) { return kept.edge.child == place; };
@@ -219,7 +219,7 @@ private:
         }
         made.whole = writer_.finish(CommitSample::Kind::kCommits, sample_.epoch, 0, since, commit);
     }
-    /// Its frames stand in the order of their names, then come parents that are not kept.
+    /// Its frames are ordered by name; parents that are not kept follow.
     [[nodiscard]] std::vector<std::byte> whole_state(CommitNumber commit) {
         start_sample();
         for (const Edge& edge : ordered_)
@@ -256,7 +256,7 @@ private:
     std::vector<std::uint32_t> authorities_;
 };
 
-/// The edges of TFMessages, as a sample has them.
+/// The edges of TFMessages, as a sample represents them.
 /// Threads: one. Guarantee: the messages' bytes outlive it.
 class EdgesOfMessages {
 public:

@@ -1,5 +1,5 @@
-// Commits and states as messages of a recording: TFMessages for every reader of /tf, and the bytes
-// of what TFMessages cannot say.
+// Commits and states as messages of a recording: TFMessages for every reader of /tf, and bytes for
+// the data that TFMessages cannot express.
 #pragma once
 
 #include <cstddef>
@@ -16,16 +16,16 @@ namespace tfdb::wire {
 /// The messages of one commit, or of a state.
 struct CommitMessages {
     CommitNumber commit = 0;
-    std::vector<std::byte> moving;  // a TFMessage as CDR; empty: nothing moves
-    std::vector<std::byte> fixed;   // the same, of the static edges
-    /// A sample of this commit alone. Empty: `commit_of_messages` makes an equal one.
+    std::vector<std::byte> moving;  // a TFMessage as CDR; empty: no moving transforms
+    std::vector<std::byte> fixed;   // the same for the static edges
+    /// A sample of this commit alone. Empty: `commit_of_messages` creates an equal one.
     std::vector<std::byte> whole;
 };
 
-/// What is recorded of a frame.
+/// The recorded data of a frame.
 struct ChosenName {
     std::string name;
-    bool keeps_edge = true;  // the edge of which it is the child
+    bool keeps_edge = true;  // the edge whose child it is
 };
 using ChooseName = std::function<ChosenName(std::string_view)>;
 
@@ -37,8 +37,8 @@ using ChooseName = std::function<ChosenName(std::string_view)>;
                                                               CommitNumber since,
                                                               const ChooseName& choose);
 
-/// A sample of one commit that stores the transforms of TFMessages, CDR; empty: none.
-/// Throws CorruptMessage; InvalidArgument unless `commit` is later than `since`.
+/// A sample of one commit that stores the transforms of the CDR TFMessages; an empty span: no
+/// message. Throws CorruptMessage; InvalidArgument unless `commit` is later than `since`.
 [[nodiscard]] std::vector<std::byte> commit_of_messages(const Epoch& epoch, CommitNumber since,
                                                         CommitNumber commit,
                                                         std::span<const std::byte> moving,

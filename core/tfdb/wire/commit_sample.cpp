@@ -21,20 +21,20 @@ constexpr std::size_t kHeadBytes = 36;
 constexpr std::size_t kSumBytes = 4;
 constexpr std::size_t kMostVarint = 10;
 
-/// Bits before a commit's four lists: those that are there.
+/// Flags before a commit's four lists: the lists that are present.
 constexpr unsigned kAllLists = 0xF;
-// Bits of an edge's head. In a commit the edge's name stands above them.
+// Flags in an edge's first number. In a commit the name's index follows above them.
 constexpr unsigned kStatic = 1;
-constexpr unsigned kOtherAuthority = 2;  // than that of the edge before
-constexpr unsigned kManyRows = 4;        // not one row: their number follows
+constexpr unsigned kOtherAuthority = 2;  // differs from the previous edge's
+constexpr unsigned kManyRows = 4;        // more or fewer than one row: their number follows
 constexpr unsigned kEdgeBits = 3;
-// More of a frame of a state.
+// Further flags of a frame in a state.
 constexpr unsigned kWasCleared = 8;
-constexpr unsigned kLate = 16;  // a number follows
+constexpr unsigned kLate = 16;  // the number of late samples follows
 constexpr unsigned kFrameBits = 5;
-/// Late samples of an edge.
+/// Maximum of an edge's late samples.
 constexpr std::uint64_t kMostLate = (std::uint64_t{1} << 48) - 1;
-/// The bit of a row's first byte beside those of the numbers that differ.
+/// A flag in a row's first byte; the other bits mark the numbers that differ.
 constexpr std::uint8_t kOtherParent = 0x80;
 
 constexpr std::uint64_t zigzag(std::int64_t number) {
@@ -54,7 +54,7 @@ std::byte* store_varint(std::byte* to, std::uint64_t number) {
     return to;
 }
 
-/// Room for so many bytes at the end of a vector, of which some are used.
+/// Space for that many bytes at the end of a vector, of which some are used.
 /// Threads: one. Guarantee: as the vector's.
 class Room {
 public:
@@ -241,7 +241,7 @@ Bytes SampleWriter::finish(Kind kind, const Epoch& epoch, std::uint32_t choice, 
         *room.at++ = std::byte(kind);
         *room.at++ = std::byte{0};
         *room.at++ = std::byte{0};
-        // The id's bytes come in their order, the highest first.
+        // The id's bytes, most significant first.
         for (const std::uint64_t word :
              {epoch.number, __builtin_bswap64(epoch.high), __builtin_bswap64(epoch.low)}) {
             store_u64(room.at, word);
@@ -269,8 +269,8 @@ Bytes SampleWriter::finish(Kind kind, const Epoch& epoch, std::uint32_t choice, 
 
 namespace {
 
-/// A sample that is being read.
-/// Threads: one. Guarantee: reads no byte outside the data; refuses by CorruptMessage.
+/// A sample being read.
+/// Threads: one. Guarantee: reads no byte outside the data; rejects with CorruptMessage.
 class Decoder {
 public:
     Decoder(std::span<const std::byte> data, CommitSample& out)
@@ -377,7 +377,7 @@ private:
             refuse_number(start, what, number, most);
         return number;
     }
-    /// Bounded by what the bytes could hold, so that a hostile count makes no vector grow.
+    /// Bounded by the remaining bytes, so that a hostile count makes no vector grow.
     std::uint32_t read_count(const char* what, std::size_t least_bytes) {
         return static_cast<std::uint32_t>(
             read_number(what, std::min<std::size_t>((end_ - at_) / least_bytes, 0xFFFF'FFFF)));
@@ -407,7 +407,7 @@ private:
         return static_cast<std::size_t>(reinterpret_cast<const std::byte*>(text.data()) -
                                         data_.data());
     }
-    /// The frames of a state stand in the order of their bytes, then come other names.
+    /// The frames of a state are ordered by their names' bytes; other names follow.
     void check_state_names(std::uint32_t frames) {
         const std::vector<std::string_view>& names = out_.names;
         for (std::uint32_t name = 1; name < frames; ++name) {

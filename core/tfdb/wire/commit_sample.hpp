@@ -1,8 +1,8 @@
-// Commits and states of a store as bytes: what one store sends, another applies. docs/wire.md has
-// the format, byte by byte.
+// Commits and states of a store as bytes, which one store sends and another applies. docs/wire.md
+// describes the format byte by byte.
 //
-// A sample is whole in itself: it has all names that it uses, and no number in it depends on what
-// another sample or the receiver's store says.
+// A sample is self-contained: it has all names that it uses, and none of its numbers depends on
+// another sample or on the receiver's store.
 #pragma once
 
 #include <array>
@@ -19,7 +19,7 @@
 
 namespace tfdb::wire {
 
-/// One life of a store, in which its commits are numbered. Of two the greater is the later one.
+/// One life of a store, which numbers its commits. The greater of two epochs is the later one.
 struct Epoch {
     std::uint64_t number = 0;
     std::uint64_t high = 0;  // of its random id
@@ -31,38 +31,38 @@ struct Epoch {
     }
 };
 
-/// A digest of names, in any order; never 0.
+/// A digest of names, independent of their order; never 0.
 [[nodiscard]] std::uint32_t digest_of(std::span<const std::string_view> names);
 
-/// What a sample holds.
+/// The content of a sample.
 /// Threads: a value; the names are views into the bytes. Guarantee: `decode` fills it.
 struct CommitSample {
     enum class Kind : std::uint8_t { kCommits = 1, kState = 2 };
 
-    /// Some of the names, or of the edges.
+    /// A range of the names, or of the edges.
     struct Range {
         std::uint32_t first = 0;
         std::uint32_t count = 0;
     };
     /// A sample T[parent<-child] of an edge.
     struct Row {
-        clock::StampNs stamp = 0;  // of a static edge 0
-        std::uint32_t parent = 0;  // a name; of a frame that is gone in a state 0
-        bool gone = false;         // the frame that the commit removed, not one that lives
+        clock::StampNs stamp = 0;  // 0 for a static edge
+        std::uint32_t parent = 0;  // index of a name; 0 for a frame that is gone in a state
+        bool gone = false;  // the parent is the frame that the commit removed, not a living one
         std::array<std::uint64_t, 7> numbers{};  // bits of x, y, z, qx, qy, qz, qw
     };
     /// Samples of one edge, in stamp order.
     struct Edge {
-        std::uint32_t child = 0;      // a name
-        std::uint32_t authority = 0;  // an authority
+        std::uint32_t child = 0;      // index of a name
+        std::uint32_t authority = 0;  // index of an authority
         bool is_static = false;
-        bool cleared = false;    // of a state: it lost its samples, and has none since
-        std::uint64_t late = 0;  // of a state: samples that came out of order
+        bool cleared = false;    // for a state: a clear removed its samples, and it has none since
+        std::uint64_t late = 0;  // for a state: number of out-of-order samples
         Range rows{};
     };
     struct Commit {
         CommitNumber number = 0;
-        Range cleared{};  // of `refs`, as the next three
+        Range cleared{};  // of `refs`, as are the next three
         Range removed{};
         Range passing{};
         Range made{};
@@ -71,13 +71,13 @@ struct CommitSample {
 
     Kind kind = Kind::kCommits;
     Epoch epoch{};
-    std::uint32_t choice = 0;  // the digest of the frames' names that were chosen; 0: all
-    CommitNumber since = 0;    // of a state its own commit, as `last`
+    std::uint32_t choice = 0;  // digest of the chosen frames' names; 0: all frames
+    CommitNumber since = 0;    // for a state: its own commit, as `last`
     CommitNumber last = 0;
     std::vector<std::string_view> names;
     std::vector<std::string_view> authorities;  // the first one is empty
-    std::vector<std::uint32_t> refs;            // names, by their places
-    std::vector<Commit> commits;                // of a state one, which lists its frames as made
+    std::vector<std::uint32_t> refs;            // indices of names
+    std::vector<Commit> commits;  // a state has one, which lists its frames as created
     std::vector<Edge> edges;
     std::vector<Row> rows;
 
@@ -91,19 +91,19 @@ struct CommitSample {
         return std::span(rows).subspan(edge.rows.first, edge.rows.count);
     }
 
-    /// Whether it is worth to be kept for the next sample.
+    /// Whether it is worth keeping for the next sample.
     [[nodiscard]] bool is_small() const { return rows.capacity() <= kMostKept; }
     void clear();
 
-    /// Replaces all of it by what the bytes say; the vectors keep their capacity. Throws
-    /// CorruptMessage, which names the byte; all of it is then unspecified.
+    /// Replaces the content by that of the bytes; the vectors keep their capacity. Throws
+    /// CorruptMessage, which names the byte; the content is then unspecified.
     void decode(std::span<const std::byte> data);
 
 private:
     static constexpr std::size_t kMostKept = 4096;
 };
 
-/// Writes a sample piece by piece.
+/// Writes a sample step by step.
 /// Threads: one. Guarantee: the vectors keep their capacity for the next sample.
 class SampleWriter {
 public:
@@ -112,7 +112,7 @@ public:
 
     /// Begins another sample.
     void start();
-    /// Each gives the place of a name that this sample does not have yet.
+    /// Each adds a name that this sample does not have yet, and returns its index.
     std::uint32_t add_name(std::string_view name);
     std::uint32_t add_authority(std::string_view name);
 
@@ -122,31 +122,32 @@ public:
         std::span<const std::uint32_t> passing{};
         std::span<const std::uint32_t> made{};
     };
-    /// Begins a commit, `after` more than the one before or than `since`; so many edges follow.
+    /// Begins a commit, `after` commits after the previous one or after `since`; `edges` edges
+    /// follow.
     void start_commit(std::uint64_t after, const Lists& lists, std::size_t edges);
-    /// One of a commit.
+    /// Adds an edge of a commit.
     void add_edge(const Edge& edge, std::span<const Row> rows);
-    /// A frame of a state: the next one of the names. Its parents' names come after those of all
+    /// Adds a frame of a state: the next one of the names. Names of parents come after those of all
     /// frames.
     void add_frame(const Edge& edge, std::span<const Row> rows);
 
-    /// How far the sample is.
+    /// A position in the sample.
     struct Mark {
         std::size_t body = 0;
-        std::size_t names = 0;  // bytes of them
+        std::size_t names = 0;  // their bytes
         std::size_t authorities = 0;
         std::uint32_t name_count = 0;
         std::uint32_t authority_count = 0;
         std::uint64_t commits = 0;
     };
     [[nodiscard]] Mark mark() const;
-    /// Forgets what was added since the mark; the sample can only be finished then.
+    /// Discards everything after the mark; then the sample can only be finished.
     void cut(const Mark& mark);
     [[nodiscard]] std::uint64_t commits() const { return commits_; }
-    /// Bytes that the whole sample would have now, or a few less.
+    /// Size of the whole sample now, or a few bytes less.
     [[nodiscard]] std::size_t size() const;
 
-    /// The whole sample. `frames`: how many a state has.
+    /// Returns the whole sample. `frames`: number of a state's frames.
     [[nodiscard]] std::vector<std::byte> finish(CommitSample::Kind kind, const Epoch& epoch,
                                                 std::uint32_t choice, CommitNumber since,
                                                 CommitNumber last, std::uint64_t frames = 0) const;
@@ -168,8 +169,8 @@ private:
     std::uint32_t authority_count_ = 0;
     std::uint64_t commits_ = 0;
     std::vector<Before> before_;   // by name
-    clock::StampNs stamp_ = 0;     // of the row before
-    std::uint32_t authority_ = 0;  // of the edge before
+    clock::StampNs stamp_ = 0;     // of the previous row
+    std::uint32_t authority_ = 0;  // of the previous edge
 };
 
 }  // namespace tfdb::wire

@@ -1,4 +1,4 @@
-// A decoded sample, written once more: each sample has one spelling, so these are the same bytes.
+// Encodes a decoded sample again. Each sample has exactly one encoding, so the bytes are equal.
 #pragma once
 
 #include <cstddef>

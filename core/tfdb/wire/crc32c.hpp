@@ -15,7 +15,7 @@ namespace crc32c_tables {
 
 constexpr std::uint32_t kReflected = 0x82F6'3B78;
 
-/// Of the bytes that stand `kSlices - 1 - i` places before the end.
+/// Table i is for bytes `kSlices - 1 - i` positions before the end.
 inline constexpr std::size_t kSlices = 8;
 using Tables = std::array<std::array<std::uint32_t, 256>, kSlices>;
 
@@ -40,7 +40,7 @@ inline constexpr Tables kTables = make();
 
 }  // namespace crc32c_tables
 
-/// Continues a sum over more bytes, eight at a time ("slicing-by-8", Kounavis and Berry 2005).
+/// Continues a checksum over more bytes, eight at a time ("slicing-by-8", Kounavis and Berry 2005).
 [[nodiscard]] inline std::uint32_t crc32c_by_tables(std::uint32_t sum,
                                                     std::span<const std::byte> data) noexcept {
     using crc32c_tables::kSlices;
@@ -59,7 +59,7 @@ inline constexpr Tables kTables = make();
 }
 
 #ifdef __x86_64__
-/// The same by the processor's own instruction.
+/// The same with the processor's own instruction.
 [[nodiscard, gnu::target("sse4.2")]] inline std::uint32_t crc32c_by_sse42(
     std::uint32_t sum, std::span<const std::byte> data) noexcept {
     std::uint64_t wide = sum;

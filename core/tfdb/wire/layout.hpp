@@ -1,4 +1,5 @@
-// What differs between the encodings of a TFMessage, as compile-time constants. Private to wire/.
+// The differences between the encodings of a TFMessage, as compile-time constants. Private to
+// wire/.
 #pragma once
 
 #include <array>
@@ -21,7 +22,7 @@ static_assert(std::endian::native == std::endian::little || std::endian::native 
               "no mixed-endian machines");
 
 // The traits of one encoding.
-// Threads: a constant. Guarantee: structural, so that each layout has decoders of its own.
+// Threads: a constant. Guarantee: structural, so that each layout gets its own decoder.
 struct Layout {
     std::endian order;
     std::size_t max_alignment;  // 1: packed
@@ -29,7 +30,7 @@ struct Layout {
     std::size_t closing_nul;    // 1 if a string's length counts a NUL
     bool delimited;             // a size in bytes precedes the sequence
     std::size_t max_trailing;   // bytes that may follow the message
-    std::uint32_t max_seconds;  // more are negative
+    std::uint32_t max_seconds;  // greater values are negative
     std::size_t min_transform;  // bytes of a transform without names
     std::uint8_t header_id;     // second byte of the encapsulation header
 };
@@ -76,7 +77,7 @@ inline constexpr Layout kCdrLittleLayout = cdr_layout(std::endian::little, 0x01)
 inline constexpr Layout kCdr2BigLayout = cdr2_layout(std::endian::big, 0x06);
 inline constexpr Layout kCdr2LittleLayout = cdr2_layout(std::endian::little, 0x07);
 
-/// Bytes to skip from `position`, counted from the origin of alignment, to a field of `size`.
+/// Bytes to skip from `position`, relative to the alignment origin, to a field of `size`.
 template <Layout kLayout>
 constexpr std::size_t padding(std::size_t position, std::size_t size) noexcept {
     const std::size_t alignment = size < kLayout.max_alignment ? size : kLayout.max_alignment;
@@ -106,7 +107,7 @@ void store_u32(std::byte* to, std::uint32_t word) noexcept {
     std::memcpy(to, &word, sizeof word);
 }
 
-// A pose lies on the wire as in memory: x y z, then qx qy qz qw.
+// A pose has the same layout on the wire and in memory: x y z, then qx qy qz qw.
 static_assert(sizeof(geometry::Pose) == kPoseBytes);
 
 template <Layout kLayout>

@@ -6,14 +6,14 @@ namespace tfdb::wire {
 
 namespace {
 
-// In a message: channel, sequence, time of logging, time of publishing; then the payload.
+// A message: channel, sequence, log time, publish time; then the payload.
 constexpr std::size_t kChannelAt = McapRecords::kHead;
 constexpr std::size_t kLogTimeAt = kChannelAt + 2 + 4;
 constexpr std::size_t kPayloadAt = kLogTimeAt + 8 + 8;
 
 }  // namespace
 
-/// Little endian; zeros follow the chunk's end.
+/// Little endian; bytes past the chunk's end count as zeros.
 std::uint64_t McapRecords::number(std::size_t offset, std::size_t width) const noexcept {
     const std::size_t from = std::min(at_ + offset, chunk_.size());
     const std::size_t there = std::min(width, chunk_.size() - from);

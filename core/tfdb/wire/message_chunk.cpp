@@ -25,7 +25,7 @@ public:
         to_.insert(to_.end(), bytes.begin(), bytes.end());
         return *this;
     }
-    /// A time of ROS 1: seconds and nanoseconds.
+    /// A ROS 1 time: seconds and nanoseconds.
     RecordWriter& time(std::uint64_t time) {
         return number(time / kNanosPerSecond, 4).number(time % kNanosPerSecond, 4);
     }
@@ -38,7 +38,7 @@ void write_mcap_message(RecordWriter to, std::uint32_t channel, std::uint64_t ti
                         std::span<const std::byte> data) {
     constexpr std::size_t kHead = 2 + 4 + 8 + 8;
     to.number(McapRecords::kMessage, 1).number(kHead + data.size(), 8);
-    // Recorders of tf write neither sequence numbers nor publication times.
+    // Recorders of tf write no sequence numbers or publish times.
     to.number(channel, 2).number(0, 4).number(time, 8).number(time, 8).bytes(data);
 }
 

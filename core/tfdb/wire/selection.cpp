@@ -7,7 +7,7 @@ namespace tfdb::wire {
 
 namespace {
 
-/// A name that stays keeps the '/' before it.
+/// An unchanged name keeps the '/' before it.
 void rename(std::string_view& name, bool& slash, std::string_view to) {
     slash = slash && name == to;
     name = to;
@@ -42,7 +42,7 @@ bool Selection::apply(std::uint32_t rule, bool is_static, std::vector<TransformV
     return changes || left_out != 0;
 }
 
-/// Null: the member is left out.
+/// Null: the member is removed.
 const Selection::Edge* Selection::kept_edge(std::uint32_t rule, bool is_static,
                                             const TransformView& member) {
     Edge& edge = this->edge({rule, member.parent, member.child});

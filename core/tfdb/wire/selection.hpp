@@ -1,5 +1,5 @@
-// Which transforms of recorded messages are kept, and the names of their frames. One question about
-// each edge decides; for each transform there remains a look at its stamp.
+// Selects transforms of recorded messages, and renames their frames. One call decides for each
+// edge; each transform then only needs a check of its stamp.
 #pragma once
 
 #include <cstddef>
@@ -23,7 +23,7 @@ struct EdgeNames {
     std::string child;
 };
 
-/// The first and the last stamp of the moving transforms that are kept.
+/// The first and last stamp of kept moving transforms.
 struct StampRange {
     clock::StampNs first = std::numeric_limits<clock::StampNs>::min();
     clock::StampNs last = std::numeric_limits<clock::StampNs>::max();
@@ -32,15 +32,15 @@ struct StampRange {
     void include(clock::StampNs stamp);
 };
 
-/// Leaves transforms out of messages, gives the frames of the others their names, and counts both.
-/// Threads: one. Guarantee: what the choice throws leaves the message as it was, or in part done.
+/// Removes transforms from messages, renames the frames of the others, and counts both.
+/// Threads: one. Guarantee: if the choice throws, the message is unchanged or partly changed.
 class Selection {
 public:
-    /// Returns the new names of an edge; nothing leaves its transforms out. `rule` distinguishes
-    /// sources to which different choices apply. Called once for each rule and edge.
+    /// Returns the new names of an edge; empty to remove its transforms. `rule` distinguishes
+    /// sources with different choices. Called once for each rule and edge.
     using Choose = std::function<std::optional<EdgeNames>(
         std::uint32_t rule, std::string_view parent, std::string_view child)>;
-    /// An edge under the names that its messages have.
+    /// An edge under the names in its messages.
     struct KeptEdge {
         std::uint32_t rule;
         std::string_view parent;
@@ -49,21 +49,21 @@ public:
 
     explicit Selection(Choose choose, StampRange window = {});
 
-    /// Leaves in `members` what is kept of one message. The names are views that are valid while
-    /// this lives. The window keeps members without a valid stamp: the store refuses them. Returns
-    /// whether any member was left out, renamed or shifted.
+    /// Keeps the selected transforms of one message in `members`. The names are views that are
+    /// valid during the lifetime of this. The window keeps members without a valid stamp: the store
+    /// refuses them. Returns whether any member was removed, renamed or shifted.
     bool apply(std::uint32_t rule, bool is_static, std::vector<TransformView>& members);
 
-    /// Adds this to the stamps of moving transforms that are kept from now on, behind the window.
+    /// Shifts the stamps of moving transforms that are kept from now on, after the window check.
     void set_shift(clock::StampNs shift) { shift_ = shift; }
     [[nodiscard]] clock::StampNs shift() const { return shift_; }
 
     [[nodiscard]] std::uint64_t left_out() const { return left_out_; }
-    /// Moving transforms that were kept.
+    /// Number of kept moving transforms.
     [[nodiscard]] std::uint64_t moving() const { return moving_; }
-    /// The stamps of moving transforms that only the window left out; nothing: there were none.
+    /// The stamps of moving transforms that only the window removed; empty if there were none.
     [[nodiscard]] const std::optional<StampRange>& outside() const { return outside_; }
-    /// The edges of which transforms were kept. Valid until the next `apply`.
+    /// The edges with kept transforms. Valid until the next `apply`.
     [[nodiscard]] std::vector<KeptEdge> kept() const;
 
 private:

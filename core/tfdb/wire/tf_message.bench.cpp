@@ -1,4 +1,4 @@
-// Nanoseconds per message and per transform, of each encoding: the fastest of several rounds.
+// Nanoseconds per message and per transform for each encoding: the fastest of several rounds.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -14,7 +14,7 @@ namespace {
 constexpr int kRounds = 9;
 constexpr int kMessagesPerRound = 20000;
 
-// Keeps a result alive without storing it anywhere.
+// Keeps the compiler from removing a result.
 template <typename T>
 void keep(const T& value) {
     asm volatile("" : : "g"(&value) : "memory");
@@ -35,7 +35,7 @@ double fastest_ns(const Body& body) {
     return fastest;
 }
 
-// Names as long as those of real robots.
+// Names of typical length for robots.
 std::vector<TransformView> message_of(std::size_t count, std::vector<std::string>& names) {
     for (std::size_t i = 0; i <= count; ++i) {
         names.push_back("arm_" + std::string(i % 5, 'x') + "_joint_link" + std::to_string(i));

@@ -1,5 +1,5 @@
-// Bytes of one and the same message as other people's software writes it: PyPI rosbags 0.11.9 and
-// cyclonedds 11.0.1, which agree where both can write a layout. The values are golden_message()'s.
+// Bytes of one message as other software writes it: PyPI rosbags 0.11.9 and cyclonedds 11.0.1,
+// which agree on the layouts that both support. The values are golden_message()'s.
 #pragma once
 
 #include <string_view>
@@ -9,7 +9,7 @@
 
 namespace tfdb::wire::testing {
 
-// Odd and even name lengths (so that alignment bites), empty and UTF-8 names, extreme stamps,
+// Names of odd and even length (which exercises alignment), empty and UTF-8 names, extreme stamps,
 // subnormal and huge numbers, negative zero.
 inline std::vector<TransformView> golden_message() {
     return {

@@ -1,5 +1,5 @@
-// tf2_msgs/TFMessage (and ROS 1's tf/tfMessage, which has the same layout) straight from and to its
-// bytes: no allocation per message, no object per transform, frame names as views into the bytes.
+// Decodes and encodes tf2_msgs/TFMessage (and ROS 1's tf/tfMessage, with the same layout) without
+// intermediate objects: no allocation per message, and frame names as views into the bytes.
 //
 // A message is a count and that many of: header (stamp, frame_id), child_frame_id, 3 + 4 doubles.
 //
@@ -10,15 +10,15 @@
 //   CDR2    (plain XCDR2) the same, but doubles are aligned to 4, and the sequence is preceded by
 //           its size in bytes: XTypes 1.3 demands this "DHEADER" for every sequence of structs.
 //
-// A message whose structure is broken is refused with CorruptMessage, never repaired: the offset
-// says at which byte, the reason which field of which transform. Where writers are known to differ
-// harmlessly:
+// A message with a broken structure is rejected with CorruptMessage, never repaired. The offset
+// names the byte; the reason names the field and the transform. Known harmless differences between
+// writers:
 //   - padding may hold anything (Fast CDR leaves it uninitialised); it is written as zeros;
 //   - up to three bytes may follow a CDR message (RTPS rounds payloads up to a multiple of four);
 //   - the two option bytes of the encapsulation header are ignored, as RTPS tells receivers to.
-// An invalid stamp, name or pose is passed on, so that the store refuses one transform and takes
+// An invalid stamp, name or pose is passed on, so that the store refuses one transform and accepts
 // the others:
-//   - names: one leading '/' is dropped, as tf does; all else stays, an embedded NUL included;
+// - names: one leading '/' is dropped, as in tf; all other bytes stay, including an embedded NUL;
 //   - numbers: the seven doubles stay bit for bit, NaN included;
 //   - stamps: negative seconds make a negative stamp, nanoseconds of a second or more
 //     `clock::with_excess`.
@@ -39,25 +39,26 @@
 namespace tfdb::wire {
 
 // One transform of a message: it maps points of `child` into `parent`.
-// Threads: a value. The names are views: valid as long as the bytes that they came from.
+// Threads: a value. The names are views that are valid as long as their bytes.
 // Guarantee: trivially copyable.
 struct TransformView {
     std::string_view parent;
     std::string_view child;
     clock::StampNs stamp = 0;
     geometry::Pose pose{};
-    // A message that is written again has the '/' before the name that readers drop.
+    // Re-encoding a message keeps the '/' before the name, which readers drop.
     bool slash_before_parent = false;
     bool slash_before_child = false;
 };
 static_assert(std::is_trivially_copyable_v<TransformView>);
 
-/// The layout of a message. kCdr is for a payload with its encapsulation header, which gives the
-/// layout; every other one means exactly one layout. A bare payload is never guessed:
-/// `00 01 00 00` starts a little-endian message with a header just as well as a bare one of 256.
+/// The encoding of a message. kCdr is for a payload with an encapsulation header, which determines
+/// the layout; every other value means exactly one layout. The layout of a bare payload is never
+/// guessed: `00 01 00 00` starts a little-endian message with a header, and also a bare message of
+/// 256 transforms.
 enum class Encoding : std::uint8_t {
     kRos1,           // ROS 1 serialisation
-    kCdr,            // reads any of the next four, by its header; writes kCdrLittle
+    kCdr,            // reads any of the next four, according to the header; writes kCdrLittle
     kCdrLittle,      // header 00 01: what ROS 2 sends and records
     kCdrBig,         // header 00 00
     kCdr2Little,     // header 00 07
@@ -66,22 +67,22 @@ enum class Encoding : std::uint8_t {
     kCdrBareBig,
 };
 
-/// Encoding by the name that Python and the command line use: "ros1", "cdr", "cdr_le", "cdr_be",
-/// "cdr2_le", "cdr2_be", "cdr_bare_le", "cdr_bare_be". None for any other name.
+/// Encoding by its name in Python and on the command line: "ros1", "cdr", "cdr_le", "cdr_be",
+/// "cdr2_le", "cdr2_be", "cdr_bare_le", "cdr_bare_be". Empty for any other name.
 [[nodiscard]] std::optional<Encoding> encoding_from_name(std::string_view name) noexcept;
 
-/// Whether the numbers of a message that `decode_tf_message` reads are little-endian.
+/// Whether the numbers of a message for `decode_tf_message` are little-endian.
 [[nodiscard]] bool is_little_endian(std::span<const std::byte> data, Encoding encoding) noexcept;
 
 /// Replaces `out` by the transforms of one message. The views point into `data`; `out` keeps its
-/// capacity, so decoding into the same vector again and again allocates nothing.
+/// capacity, so decoding repeatedly into one vector allocates nothing.
 /// Threads: reentrant. Throws CorruptMessage; `out` is then empty.
 void decode_tf_message(std::span<const std::byte> data, Encoding encoding,
                        std::vector<TransformView>& out);
 
-/// Replaces `out` by one message that decodes to exactly `transforms`: a name that itself starts
-/// with '/' gets a second one, since readers drop the first. A decoded name keeps its own. `out`
-/// keeps its capacity.
+/// Replaces `out` by one message that decodes to exactly `transforms`. A name that starts with '/'
+/// gets a second one, because readers drop the first. A decoded name keeps its own. `out` keeps its
+/// capacity.
 /// Threads: reentrant. Throws, with `index`, and leaves `out` as it was: InvalidStamp (negative, or
 /// past the format's seconds: 2^32 - 1 in ROS 1, 2^31 - 1 in CDR), InvalidName (embedded NUL),
 /// InvalidArgument (a message of 4 GiB or more).

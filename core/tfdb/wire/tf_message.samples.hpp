@@ -1,4 +1,4 @@
-// Messages for the tests, the fuzzer and the benchmark of this room.
+// Messages for this room's tests, fuzzer and benchmark.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,7 @@ inline constexpr Encoding kAllEncodings[] = {
     Encoding::kCdr2Little, Encoding::kCdr2Big, Encoding::kCdrBareLittle, Encoding::kCdrBareBig,
 };
 
-/// Equal to the last bit: -0.0 is not 0.0, and a NaN is itself.
+/// Bitwise equality: -0.0 differs from 0.0, and a NaN equals itself.
 inline bool same_bits(std::span<const TransformView> a, std::span<const TransformView> b) {
     if (a.size() != b.size()) {
         return false;
@@ -46,20 +46,20 @@ inline std::vector<std::byte> from_hex(std::string_view hex) {
     return bytes;
 }
 
-/// Whether it is what a decoder passes on for the store to refuse it, and no encoder takes.
+/// Whether a decoder passes it on although the store refuses it and no encoder accepts it.
 inline bool is_bad(const TransformView& transform) {
     return transform.stamp < 0 || transform.parent.find('\0') != std::string_view::npos ||
            transform.child.find('\0') != std::string_view::npos;
 }
 
-// A message together with the names that its views point to.
+// A message that owns the names of its views.
 struct RandomMessage {
     std::deque<std::string> names;  // a deque never moves its members
     std::vector<TransformView> transforms;
 };
 
-/// Up to five transforms with names of 0 to 20 bytes (slashes among them), any stamp that all
-/// formats can hold, and any 64 bits as doubles.
+/// Up to five transforms. The names have 0 to 20 bytes, including slashes; stamps fit all formats;
+/// doubles are any 64 bits.
 template <typename Random>
 RandomMessage random_message(Random& random) {
     const auto below = [&](std::uint64_t limit) {

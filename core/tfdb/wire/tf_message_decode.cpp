@@ -12,11 +12,11 @@ constexpr const char* kFrameId = "header.frame_id";
 constexpr const char* kChildFrameId = "child_frame_id";
 
 // One message being read.
-// Threads: one. Guarantee: reads no byte outside `data`; refuses by CorruptMessage.
+// Threads: one. Guarantee: reads no byte outside `data`; rejects with CorruptMessage.
 template <Layout kLayout>
 class Reader {
 public:
-    /// `origin` is where alignment counts from: the first byte after the encapsulation header.
+    /// `origin` is the base of alignment: the first byte after the encapsulation header.
     Reader(std::span<const std::byte> data, std::size_t origin)
         : bytes_(data.data()), origin_(origin), position_(origin), end_(data.size()) {}
 
@@ -53,7 +53,7 @@ private:
         end_ = position_ + size;
     }
 
-    // Bounded by what the bytes could hold, so a hostile count cannot make `out` grow.
+    // Bounded by the remaining bytes, so a hostile count cannot make `out` grow.
     std::size_t read_count() {
         need(kLengthBytes, "count of transforms");
         const std::size_t count = load_u32<kLayout>(bytes_ + position_);
@@ -95,7 +95,7 @@ private:
         return seconds * clock::kNanosPerSecond + clock::StampNs{nanos};
     }
 
-    // The four bytes of the length have been checked.
+    // The caller has checked the four bytes of the length.
     std::string_view read_name(const char* field, bool& slash) {
         const std::size_t length = load_u32<kLayout>(bytes_ + position_);
         position_ += kLengthBytes;
@@ -113,7 +113,7 @@ private:
         return name;
     }
 
-    // May leave the position past the end: a read of bytes, which checks it, follows.
+    // May move the position past the end: the following read checks it.
     void align(std::size_t size) noexcept {
         position_ += padding<kLayout>(position_ - origin_, size);
     }
@@ -155,7 +155,7 @@ private:
     std::size_t index_ = 0;
 };
 
-/// The second byte of the encapsulation header, after checking that it means a plain layout.
+/// Returns the second byte of the encapsulation header, and checks that it means a plain layout.
 std::uint8_t read_header(std::span<const std::byte> data) {
     if (data.size() < kHeaderBytes) {
         throw CorruptMessage(data.size(), "truncated in the encapsulation header");

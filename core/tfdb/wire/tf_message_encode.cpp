@@ -39,7 +39,7 @@ ErrorDetail detail_of(const TransformView& transform, std::size_t index) {
                           detail);
 }
 
-// Readers drop one '/', so a name that starts with one gets another.
+// Readers drop one '/', so a name that starts with '/' gets another one.
 bool needs_slash(std::string_view name, bool had_slash) noexcept {
     return had_slash || name.starts_with('/');
 }
@@ -50,8 +50,8 @@ std::size_t after_name(std::size_t position, std::string_view name, bool had_sla
     return position + (needs_slash(name, had_slash) ? 1 : 0) + name.size() + kLayout.closing_nul;
 }
 
-/// Size of the message after the encapsulation header. Refuses whatever cannot be written, so that
-/// writing needs no checks.
+/// Size of the message after the encapsulation header. It rejects all values that cannot be
+/// written, so that writing needs no checks.
 template <Layout kLayout>
 std::size_t checked_size(std::span<const TransformView> transforms) {
     std::size_t size = kLayout.delimited ? 8 : 4;
@@ -76,8 +76,8 @@ std::size_t checked_size(std::span<const TransformView> transforms) {
     return size;
 }
 
-// One message being written into zeroed bytes of the size that checked_size() gave.
-// Threads: one. Guarantee: skips over padding, cannot fail.
+// One message being written into zeroed bytes of the size from checked_size().
+// Threads: one. Guarantee: skips padding, cannot fail.
 template <Layout kLayout>
 class Writer {
 public:
