@@ -1,4 +1,4 @@
-// How long to wait before trying again, when others were in the way.
+// Delays before a retry after contention.
 #pragma once
 
 #include <sched.h>
@@ -10,8 +10,8 @@
 
 namespace tfdb::sync {
 
-/// Waits of a thread without a notification.
-/// Threads: any. Guarantee: `sleep` returns after about so long, also if a signal comes.
+/// Pauses of a thread without a notification.
+/// Threads: any. Guarantee: `sleep` returns after about the given time, even if a signal arrives.
 class ThreadPause {
 public:
     static void spin() noexcept { spin_pause(); }
@@ -22,10 +22,10 @@ public:
     }
 };
 
-/// Exponential backoff with jitter: spins, then yields, at last sleeps.
+/// Exponential backoff with jitter: spins, then yields, finally sleeps.
 /// Threads: one; each session has its own.
 /// Guarantee: the n-th pause spins at most 2^n times for n < 6, yields at most 2 times for n < 10,
-/// and else sleeps for at most 64 us (and what the kernel adds).
+/// and otherwise sleeps for at most 64 us (plus the kernel's delay).
 template <class Pause>
 class BasicBackoff {
 public:
@@ -37,7 +37,7 @@ public:
 
     explicit BasicBackoff(std::uint64_t seed) noexcept : random_(seed * 2 + 1) {}
 
-    /// Waits, longer each time.
+    /// Pauses, longer each time.
     void pause() noexcept {
         const unsigned step = step_;
         step_ = std::min(step_ + 1, kLastStep);
@@ -54,14 +54,14 @@ public:
         }
     }
 
-    /// The next pause is a short one again.
+    /// Makes the next pause short again.
     void reset() noexcept { step_ = 0; }
 
 private:
     static constexpr unsigned kLastStep = kSpinSteps + kYieldSteps + 4;
     static_assert(kFirstSleep << 4 == kLongestSleep);
 
-    /// Evenly in [window / 2, window], at least 1: two that collide do not wait equally long.
+    /// Uniform in [window / 2, window], at least 1: two colliding threads do not wait equally long.
     std::uint64_t up_to(std::uint64_t window) noexcept {
         random_ ^= random_ << 13;  // xorshift64, G. Marsaglia (2003)
         random_ ^= random_ >> 7;

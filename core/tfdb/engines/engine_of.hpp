@@ -1,4 +1,4 @@
-// The engine of a store, made from its session.
+// The engine of a store, built from its session type.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace tfdb::store {
 
-/// Lookups and batches through sessions of one kind.
+/// Lookups and batches in sessions of one kind.
 /// Threads: any. Guarantee: as Engine's.
 template <txn::Session S>
 class EngineOf final : public Engine {
@@ -25,7 +25,7 @@ public:
         S session(shared_, {});
         CommitNumber as_of = 0;
         const lookup::Outcome outcome = txn::read_through(session, as_of, [&](const auto& view) {
-            // While the session lasts, names mean what they mean.
+            // During the session, names keep their meaning.
             const auto find = [&](std::string_view name) {
                 return store_.names.find(name, view.commit());
             };
@@ -101,8 +101,8 @@ private:
         }
     }
 
-    /// The samples of the batch, sorted, of each stamp the last; false if some frame is unknown.
-    /// Names stay what they are while the session is in its slot.
+    /// Fills in the batch's samples, sorted, the last of each stamp; false if a frame is unknown.
+    /// Names keep their meaning while the session is in its slot.
     [[nodiscard]] bool fill(const Batch& batch, txn::PlainBatch<StoreMemory>& plain) {
         plain.order.clear();
         plain.items.clear();

@@ -1,16 +1,16 @@
-// Sleep until a change; notifying costs one load if no thread waits.
+// Sleeps until a change; notifying costs one load if no thread waits.
 #pragma once
 
 #include "tfdb/sync/word.hpp"
 
 namespace tfdb::sync {
 
-/// An event count on one word: the epoch above, how many wait below. After D. Vyukov's eventcount.
-/// A waiter: `prepare`, check the condition, then `wait` or `cancel`. The thread that changes
-/// what waiters look at: change it, then `notify_all`.
+/// An event count in one word: the epoch in the high bits, the number of waiters in the low bits.
+/// After D. Vyukov's eventcount. A waiter calls `prepare`, checks the condition, then calls `wait`
+/// or `cancel`. A thread that changes the condition calls `notify_all` after the change.
 /// Threads: any.
-/// Guarantee: all but `wait` and `await` are wait-free. No wake-up is lost: a change is seen by the
-/// look after `prepare`, or its `notify_all` ends the `wait`.
+/// Guarantee: all but `wait` and `await` are wait-free. No wake-up is lost: the check after
+/// `prepare` sees the change, or the change's `notify_all` ends the `wait`.
 template <class Word, int Spins = 100>
 class BasicEvent {
 public:
@@ -18,17 +18,17 @@ public:
 
     explicit BasicEvent(Word& word) noexcept : word_(word) {}
 
-    /// Announces a waiter. What it looks at next, it sees as it is now or later.
+    /// Announces a waiter. Its following reads see the current or a later state.
     [[nodiscard]] Epoch prepare() noexcept {
         const std::uint64_t before = word_.fetch_add(kOneWaiter);
         Word::fence_full();
         return before >> kEpochShift;
     }
 
-    /// It need not wait after all.
+    /// Withdraws the announcement.
     void cancel() noexcept { word_.fetch_add(~kOneWaiter + 1); }
 
-    /// Sleeps until a `notify_all` that came after `prepare`.
+    /// Sleeps until a `notify_all` after `prepare`.
     void wait(Epoch epoch) noexcept {
         for (std::uint64_t now = word_.load_acquire(); now >> kEpochShift == epoch;
              now = word_.load_acquire()) {

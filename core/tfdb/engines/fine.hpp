@@ -1,4 +1,4 @@
-// A lock per frame and nothing over it: what TF with finer locks would be. Not atomic.
+// One lock per frame and no further isolation, like TF with finer locks. Not atomic.
 #pragma once
 
 #include <span>
@@ -9,7 +9,8 @@
 
 namespace tfdb::txn {
 
-/// One frame as `fine` reads it: its lock is held until the edge goes or opens another frame.
+/// One frame as `fine` reads it: its lock is held until the edge is destroyed or opens another
+/// frame.
 /// Threads: the session's only. Guarantee: as history::EdgeView's.
 template <class Session>
 class FineEdge : public history::EdgeView<typename Session::Memory> {
@@ -37,8 +38,9 @@ private:
     FrameId id_ = kNoFrame;
 };
 
-/// Every frame as it is when it is looked at.
-/// Threads: the session's only. Guarantee: each frame is of one state; two frames may be of two.
+/// Every frame in its current state.
+/// Threads: the session's only. Guarantee: each frame is of one state; two frames may be of two
+/// states.
 template <class Session>
 class FineView : public SnapshotView<typename Session::Memory> {
     using Base = SnapshotView<typename Session::Memory>;
@@ -61,11 +63,11 @@ private:
     Session* session_;
 };
 
-/// Each frame's lock is held, shared, while that frame is read, and exclusively while one sample is
-/// stored. So a path may mix samples of different commits, and a batch is seen in parts: this
-/// engine is here for comparison.
-/// Threads: one. Guarantee: never gives up; reads wait holding nothing, writes wait holding frames
-/// of lower ids only, so no cycle can arise.
+/// A frame's lock is held, shared, while the frame is read, and exclusively while one sample is
+/// stored. So a path may mix samples of different commits, and readers may see parts of a batch:
+/// this engine exists for comparison.
+/// Threads: one. Guarantee: never gives up. A waiting reader holds nothing and a waiting writer
+/// holds only frames of lower ids, so no cycle can arise.
 template <class M>
 class FineSession : public GateSession<M, FineSession<M>> {
     using Base = GateSession<M, FineSession<M>>;
@@ -83,14 +85,14 @@ public:
     [[nodiscard]] bool confirm() { return true; }
     [[nodiscard]] bool lock(std::span<const FrameId> frames) {
         auto& held = this->scratch().held;
-        held.reserve(held.size() + frames.size());  // once granted, nothing may throw
+        held.reserve(held.size() + frames.size());  // nothing may throw after the lock was granted
         for (const FrameId id : frames) {
             get(id, true);
             held.push_back(id);
         }
         return true;
     }
-    /// Lets go of what is locked and stays in the slot.
+    /// Releases its locks and stays in the slot.
     void let_go() {
         if (stays_ > 0)
             release(read_);
@@ -100,8 +102,8 @@ public:
             release(held.back());
     }
 
-    /// Holds one frame at a time. A thread that waited for a second lock while it holds the first
-    /// could deadlock, so a second frame is read without its lock.
+    /// Locks one frame at a time. Waiting for a second lock while holding the first could deadlock,
+    /// so a second frame is read without its lock.
     [[nodiscard]] bool enter(FrameId id) {
         if (this->alone() || (stays_ > 0 && id != read_))
             return true;

@@ -8,8 +8,8 @@
 namespace tfdb::sync {
 
 /// One word: a bit per holder (a gate's slot), one for waiting threads, one for exclusive. Shared
-/// goes with shared, exclusive with nothing. Engines decide which session waits, dies or
-/// wounds; `wait_for` waits.
+/// is compatible with shared only. Engines decide which session waits, dies or wounds; `wait_for`
+/// waits.
 /// Threads: any; a slot is used by one thread at a time.
 /// Guarantee: all but `wait_for` are lock-free and never wait. The event wakes waiting threads
 /// when the last holder leaves, or the last but one (the waiting thread itself, for an upgrade).
@@ -22,24 +22,24 @@ public:
 
     static constexpr std::uint64_t bit(unsigned slot) { return std::uint64_t{1} << slot; }
 
-    /// How a request went, and the word as it found it.
+    /// The result of a request, and the word that it found.
     struct Attempt {
         bool granted;
         std::uint64_t found;
 
         explicit operator bool() const { return granted; }
-        /// The other holders of the lock: those in the way of a refused request.
+        /// The other holders of the lock: they block a refused request.
         [[nodiscard]] std::uint64_t others(unsigned slot) const {
             return found & kHolders & ~bit(slot);
         }
-        /// Somebody sleeps on this lock. Where it matters on whom (by age), who is granted a lock
-        /// that is waited for must tell the event, so that the sleepers look again.
+        /// Whether a thread sleeps on this lock. If the rule depends on ages, a thread that is
+        /// granted such a lock must notify the event, so that the sleepers check again.
         [[nodiscard]] bool waited() const { return (found & kWaited) != 0; }
     };
 
     explicit BasicFrameLock(Word& word) noexcept : word_(word) {}
 
-    /// Granted again to its holder, shared or exclusive.
+    /// Also granted to a slot that already holds it, shared or exclusive.
     [[nodiscard]] Attempt try_shared(unsigned slot) noexcept {
         std::uint64_t found = word_.load_relaxed();
         do {
@@ -51,7 +51,7 @@ public:
         return {true, found};
     }
 
-    /// Granted also to the only holder of the shared lock, and again to its holder.
+    /// Also granted to the only holder of the shared lock, and to its exclusive holder.
     [[nodiscard]] Attempt try_exclusive(unsigned slot) noexcept {
         const std::uint64_t wanted = bit(slot) | kExclusive;
         std::uint64_t found = word_.load_relaxed();
@@ -64,8 +64,7 @@ public:
         return {true, found};
     }
 
-    /// Lets go of what the slot holds (it must hold something). True: the caller must `notify_all`
-    /// the event.
+    /// Releases the slot's hold; requires one. True: the caller must `notify_all` the event.
     [[nodiscard]] bool release(unsigned slot) noexcept {
         std::uint64_t found = word_.load_relaxed();
         for (;;) {
@@ -77,14 +76,14 @@ public:
         }
     }
 
-    /// Marks a lock that refused, after Event::prepare. False: it has changed, try again.
+    /// Marks a lock that refused, after Event::prepare. False: it has changed, retry.
     [[nodiscard]] bool mark_waited(const Attempt& refused) noexcept {
         std::uint64_t found = refused.found;
         return word_.compare_exchange(found, refused.found | kWaited);
     }
 
-    /// Sleeps until a lock that refused may have become free, or `give_up()` is true when told.
-    /// A thread that makes `give_up()` true must then `notify_all` the event.
+    /// Sleeps until a refused lock may be free, or until `give_up()` is true at a notification. A
+    /// thread that makes `give_up()` true must then `notify_all` the event.
     template <class Event, class GiveUp>
     void wait_for(const Attempt& refused, Event& event, GiveUp give_up) {
         const auto epoch = event.prepare();

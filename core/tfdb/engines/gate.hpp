@@ -1,4 +1,4 @@
-// Many go through side by side, until one closes it to be alone.
+// Admits many sessions at once, until one closes it to be alone.
 #pragma once
 
 #include <array>
@@ -7,22 +7,22 @@
 
 namespace tfdb::sync {
 
-/// What a slot counts for its threads.
+/// The statistics that a slot counts.
 enum class SlotCount : std::uint8_t { kRetries, kLockWaits };
 
-/// Slots that threads enter and leave, and a word that closes them all. A thread in a slot must
-/// leave it before it closes the gate, or waits for a thread that may close it.
-/// Threads: any; `leave`, `add` and stores to `age` only the thread in the slot; one closes at a
-/// time; `open` only the thread that closed.
-/// Guarantee: `enter` and `leave` cost one exchange each on a line of the thread's own, and do
-/// not wait while the gate is open and a slot is free. `close` waits for those inside; `enter`
-/// waits while it is closed; a thread that was turned away gets in before the next `close`.
+/// Slots that threads enter and leave, and a word that closes them all. A thread must leave its
+/// slot before it closes the gate, or waits for a thread that may close it.
+/// Threads: any. Only the thread in the slot calls `leave`, `add` and stores to `age`. One thread
+/// closes at a time, and only that thread calls `open`.
+/// Guarantee: `enter` and `leave` cost one exchange each on the thread's own cache line, and do not
+/// wait while the gate is open and a slot is free. `close` waits for the threads inside; `enter`
+/// waits while it is closed. A thread that was turned away enters before the next `close`.
 template <class Word, unsigned Slots = 62, int Spins = 100>
 class BasicGate {
 public:
     static constexpr unsigned kSlots = Slots;
 
-    /// Returns the slot that is now the caller's: `preferred`, or the next one that is free.
+    /// Returns the caller's slot: `preferred`, or the next free one.
     [[nodiscard]] unsigned enter(unsigned preferred) noexcept {
         const unsigned slot = claim(preferred);
         if ((gate().load_ordered() & kClosed) == 0) [[likely]]
@@ -36,7 +36,7 @@ public:
             claimed(slot).notify_all();
     }
 
-    /// Keeps all others out, then waits until the last of them has left.
+    /// Blocks new threads, then waits until the last thread inside has left.
     void close() noexcept {
         std::uint64_t found = 0;
         for (int spin = 0; !gate().compare_exchange_ordered(found, kClosed); found = 0, ++spin) {
@@ -54,7 +54,7 @@ public:
         gate().notify_all();
     }
 
-    /// Whether a thread is inside, has closed it, or waits for it to open.
+    /// Whether a thread is inside, has closed the gate, or waits for it to open.
     [[nodiscard]] bool in_use() const noexcept {
         bool used = gate_line_.words[0].load_relaxed() != 0;
         for (const Line& line : lines_)
@@ -71,7 +71,7 @@ public:
         Word& word = lines_[slot].words[kCounts + static_cast<unsigned>(which)];
         word.store_relaxed(word.load_relaxed() + count);
     }
-    /// Over all slots; those inside may be adding meanwhile.
+    /// Sum over all slots; threads inside may be adding meanwhile.
     [[nodiscard]] std::uint64_t total(SlotCount which) const noexcept {
         std::uint64_t sum = 0;
         for (const Line& line : lines_)
@@ -79,12 +79,13 @@ public:
         return sum;
     }
 
-    /// The words that decide, for tests.
+    /// The gate's words, for tests.
     [[nodiscard]] Word& gate() noexcept { return gate_line_.words[0]; }
     [[nodiscard]] Word& claimed(unsigned slot) noexcept { return lines_[slot].words[kClaimed]; }
 
 private:
-    // The gate's word: closed or not, and how many were turned away and are not in again.
+    // The gate's word: whether it is closed, and the number of turned-away threads not yet
+    // admitted.
     static constexpr std::uint64_t kClosed = 1;
     static constexpr std::uint64_t kTurnedAway = 2;
     // A slot's first word.
@@ -113,7 +114,7 @@ private:
         }
     }
 
-    /// Once the gate was open after this thread has counted itself, it stays open.
+    /// If the gate is open after this thread has counted itself, it stays open.
     unsigned enter_after_closure(unsigned preferred) noexcept {
         std::uint64_t now = gate().fetch_add(kTurnedAway) + kTurnedAway;
         for (int spin = 0; (now & kClosed) != 0; now = gate().load_relaxed(), ++spin) {
@@ -137,7 +138,7 @@ private:
         }
     }
 
-    /// Sleeps while the slot stays taken by the same thread.
+    /// Sleeps while the same thread keeps the slot.
     void await_change(unsigned slot) noexcept {
         std::uint64_t found = kTaken;
         if (claimed(slot).compare_exchange(found, kAwaited) || found == kAwaited)
@@ -150,7 +151,7 @@ private:
 
 using Gate = BasicGate<Word>;
 
-/// A slot for this thread to prefer: threads get different ones as long as there are enough.
+/// This thread's preferred slot: different for each thread while slots suffice.
 inline unsigned preferred_slot() noexcept {
     static Word next{};
     thread_local const unsigned mine = static_cast<unsigned>(next.fetch_add(1) % Gate::kSlots);

@@ -1,4 +1,4 @@
-// What the sessions of all engines with a gate share: the slot, the way to be alone, the pauses.
+// Common base of the sessions of all engines with a gate: slot, exclusive mode, pauses.
 #pragma once
 
 #include "tfdb/engines/backoff.hpp"
@@ -7,10 +7,10 @@
 
 namespace tfdb::txn {
 
-/// A stay in a slot of the gate, or the gate closed and the commit lock held. `Engine` is the
-/// session derived from it: its `let_go` gives back what it holds in frames, and its destructor
-/// ends what is open. Threads: one. Guarantee: a thread in a slot does not wait for the gate or
-/// the commit lock.
+/// Occupies a slot of the gate, or holds the closed gate and the commit lock. `Engine` is the
+/// derived session: its `let_go` releases its locks on frames, and its destructor ends an open
+/// session.
+/// Threads: one. Guarantee: a thread in a slot never waits for the gate or the commit lock.
 template <class M, class Engine>
 class GateSession {
 public:
@@ -46,9 +46,9 @@ public:
     }
     void pause() { backoff_.pause(); }
 
-    /// For statistics; between begin and end.
+    /// For statistics; call between begin and end.
     void count(sync::SlotCount which) { shared_.gate.add(slot_, which); }
-    /// Lists of the slot; between begin and end, and not alone.
+    /// Lists of the slot; use between begin and end, and not while alone.
     [[nodiscard]] SlotScratch<Memory>& scratch() { return shared_.scratch[slot_]; }
     [[nodiscard]] Shared& shared() { return shared_; }
 
@@ -81,7 +81,7 @@ private:
             shared_.lock.lock();
         shared_.gate.close();
         where_ = Where::kAlone;
-        slot_ = 0;  // with the gate closed no other thread counts there
+        slot_ = 0;  // with the gate closed, no other thread counts in slot 0
     }
 
     Where where_ = Where::kOutside;

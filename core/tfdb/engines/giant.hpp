@@ -10,8 +10,8 @@
 
 namespace tfdb::txn {
 
-/// Holds the commit lock from `begin` to `end`: nothing is ever under way beside it.
-/// Threads: one. Guarantee: never gives up; `begin` waits for all that came before.
+/// Holds the commit lock from `begin` to `end`: no other operation runs concurrently.
+/// Threads: one. Guarantee: never gives up; `begin` waits for all earlier operations.
 template <class M>
 class GiantSession {
 public:

@@ -1,4 +1,4 @@
-// The view of engines that guard frames: the forest as it is, each frame behind its session's lock
+// The view of engines that guard frames: the current forest, each frame behind its session's lock
 // or version.
 #pragma once
 
@@ -7,9 +7,9 @@
 
 namespace tfdb::txn {
 
-/// Everything in the frames that the session lets in.
+/// All data of the frames that the session admits.
 /// Threads: the session's only. Guarantee: as the session's; `open` and `enter` refuse once it has
-/// given up. What `open` lets in stays so until the next frame, or until the session ends.
+/// given up. An opened frame stays unchanged until the next frame, or until the session ends.
 template <class Session>
 class GuardedView : public SnapshotView<typename Session::Memory> {
     using Base = SnapshotView<typename Session::Memory>;

@@ -1,4 +1,5 @@
-// Which engine a store has. All are compiled here: what they have in common then is so once.
+// Creates a store's engine. All engines are compiled here, so that their common code is compiled
+// once.
 #include "tfdb/engines/engine_of.hpp"
 #include "tfdb/engines/fine.hpp"
 #include "tfdb/engines/giant.hpp"

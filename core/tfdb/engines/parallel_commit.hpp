@@ -1,4 +1,4 @@
-// A commit beside others: samples for edges that are there, under their frames' locks.
+// A concurrent commit: samples for existing edges, under their frames' locks.
 #pragma once
 
 #include <span>
@@ -10,9 +10,9 @@
 
 namespace tfdb::txn {
 
-/// Whether parent and kind of a sample are those that its edge has already. Such a sample relates
-/// no frames anew, so no path changes and no cycle can close. What this asks cannot change
-/// while commits that append are the only ones under way.
+/// Whether a sample has its edge's parent and kind. Such a sample adds no relation, so no path
+/// changes and no cycle can close. The answer cannot change while all commits in progress only
+/// append.
 template <class Memory>
 [[nodiscard]] bool fits_edge(const graph::Frames<Memory>& frames, FrameId child,
                              const history::NewSample<Memory>& sample) {
@@ -25,7 +25,7 @@ template <class Memory>
            edge.is_static() == (sample.stamp == history::kStaticStamp);
 }
 
-/// Whether a sample that fits its edge goes behind all others. The frame is locked.
+/// Whether a fitting sample is newer than all others. The frame is locked.
 template <class Memory>
 [[nodiscard]] bool fits_behind(const graph::Frames<Memory>& frames, FrameId child,
                                clock::StampNs stamp) {
@@ -33,7 +33,7 @@ template <class Memory>
     return stamp >= edge.newest_sample().stamp;
 }
 
-/// Samples for edges that are there: each edge's one after another in stamp order, edges ascending.
+/// Samples for existing edges, ordered by edge, then by stamp.
 template <class Memory>
 struct PlainBatch {
     struct Place {
@@ -45,14 +45,14 @@ struct PlainBatch {
         FrameId child = kNoFrame;
         history::NewSample<Memory> sample;
         std::uint64_t author = 0;  // for `store`
-        std::uint32_t mended = 0;  // how many quaternions were normalised
+        std::uint32_t mended = 0;  // number of normalised quaternions
     };
     std::vector<Place> order;  // scratch for filling the batch
     std::vector<Item> items;
-    std::vector<FrameId> frames;  // those written, ascending, each once
+    std::vector<FrameId> frames;  // the written frames, ascending, without duplicates
 };
 
-/// Calls visit(edge, samples) for each edge of the items, which come as in a PlainBatch.
+/// Calls visit(edge, samples) for each edge of the items, which are ordered as in a PlainBatch.
 template <class Memory, class Visit>
 void for_each_edge(const graph::Frames<Memory>& frames,
                    std::span<const typename PlainBatch<Memory>::Item> items, Visit visit) {
@@ -64,9 +64,9 @@ void for_each_edge(const graph::Frames<Memory>& frames,
     }
 }
 
-/// Makes room for samples that go behind all others, before their commit has a number: what is
-/// refused counts as no commit. False: they are too many. The caller holds the frames for writing.
-/// Throws CapacityExceeded, having changed nothing that counts.
+/// Reserves space for appended samples before their commit gets a number: a refused commit takes
+/// none. False: too many samples. The caller holds the frames for writing. Throws CapacityExceeded
+/// and then changes no visible data.
 template <class Memory>
 [[nodiscard]] bool reserve_beside(const graph::Frames<Memory>& frames,
                                   const history::WriteContext& context,
@@ -78,7 +78,7 @@ template <class Memory>
     return fits;
 }
 
-/// Appends the samples that find memory. The caller holds the frames for writing, from
+/// Appends the samples that get memory. The caller must have held the frames for writing since
 /// before `context` got its ticket.
 template <class Memory>
 void append_beside(const graph::Frames<Memory>& frames, const history::WriteContext& context,

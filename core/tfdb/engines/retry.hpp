@@ -1,4 +1,4 @@
-// One lookup, or one write beside others, on a session: how often it is tried, and when it counts.
+// Runs a lookup or a concurrent write in a session: the number of attempts, and when one counts.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +10,9 @@
 
 namespace tfdb::txn {
 
-/// Runs `attempt(view)` until what it read is of one state. After kAttemptsBeforeAlone attempts
-/// that came to nothing it asks urgently to run alone, before ordinary writers: so it ends, however
-/// many others write flat out. `as_of`: the commit that it saw.
+/// Runs `attempt(view)` until all its reads are of one state. After kAttemptsBeforeAlone failed
+/// attempts it urgently requests to run alone, ahead of ordinary writers. So it ends, however many
+/// others write at full speed. `as_of`: the commit that it saw.
 template <Session S, class Attempt>
 [[nodiscard]] lookup::Outcome read_through(S& session, CommitNumber& as_of, Attempt attempt) {
     constexpr int kAttempts = SyncTuning<typename S::Memory>::kAttemptsBeforeAlone;
@@ -31,14 +31,14 @@ template <Session S, class Attempt>
     }
 }
 
-/// How one attempt to write beside others went.
+/// The result of one attempt of a concurrent write.
 enum class Written : std::uint8_t {
     kDone,
     kGiveUp,    // end(false), pause, begin again
-    kNotPlain,  // the session must be alone for it; nothing was stored
+    kNotPlain,  // requires a session that is alone; nothing was stored
 };
 
-/// Whether all of a batch only adds to what its edges hold; certain if the frames are locked.
+/// Whether all of a batch only appends to its edges; certain if the frames are locked.
 template <class Memory>
 [[nodiscard]] bool only_adds(const SharedState<Memory>& shared, const PlainBatch<Memory>& batch) {
     return std::all_of(batch.items.begin(), batch.items.end(), [&](const auto& item) {
@@ -47,10 +47,10 @@ template <class Memory>
     });
 }
 
-/// Appends a batch under the locks of its frames, if all that the session has read still holds.
-/// `stored(item)` is called before the sample is visible, and throws nothing. Throws
-/// CapacityExceeded: nothing is stored then, and no number used. An engine that does not isolate
-/// stores sample by sample, each by itself.
+/// Appends a batch under its frames' locks, if all reads of the session are still valid. It calls
+/// `stored(item)`, which must not throw, before the sample is visible. Throws CapacityExceeded:
+/// then nothing is stored and no number is used. An engine without isolation stores each sample by
+/// itself.
 template <Session S, class Stored>
 [[nodiscard]] Written write_beside(S& session, const PlainBatch<typename S::Memory>& batch,
                                    history::Readers& readers, CommitNumber& number, Stored stored) {
@@ -79,10 +79,10 @@ template <Session S, class Stored>
             return Written::kNotPlain;
         store(batch.items);
     } else {
-        // A sample that is too old when its turn comes is stored all the same; no read returns it.
+        // A sample that has become too old is still stored; no read returns it.
         if (!only_adds(shared, batch))
             return Written::kNotPlain;
-        // If memory is too short for part of it, none of it is stored.
+        // If memory suffices only for a part, nothing is stored.
         bool fits = true;
         for_each_edge<typename S::Memory>(shared.frames, batch.items, [&](auto, const auto& items) {
             (void)session.lock({&items.front().child, 1});
@@ -101,9 +101,9 @@ template <Session S, class Stored>
     return Written::kDone;
 }
 
-/// Runs `beside(number)` until it is done, or `alone()` where it cannot go beside others or has
-/// come to nothing kAttemptsBeforeAlone times. Returns the commit's number; what these throw ends
-/// the session.
+/// Runs `beside(number)` until it succeeds, or `alone()` if it cannot run concurrently or has
+/// failed kAttemptsBeforeAlone times. Returns the commit's number; an exception from these ends the
+/// session.
 template <Session S, class Beside, class ByItself>
 CommitNumber write_through(S& session, Beside beside, ByItself alone) {
     constexpr int kAttempts = SyncTuning<typename S::Memory>::kAttemptsBeforeAlone;
@@ -126,7 +126,7 @@ CommitNumber write_through(S& session, Beside beside, ByItself alone) {
     }
 }
 
-/// The writes as samples that only append to edges that are there. False: they do more.
+/// Converts the writes to samples that only append to existing edges. False: they do more.
 template <class Memory, class Store>
 [[nodiscard]] bool make_plain(const WriteSet<Memory>& writes, Store& store,
                               PlainBatch<Memory>& plain) {
@@ -154,7 +154,7 @@ template <class Memory, class Store>
     return true;
 }
 
-/// Stores the writes beside others if they are plain: then the transaction has ended, well or not.
+/// Stores plain writes concurrently: the transaction has then ended, with or without success.
 /// False: it must be alone for them.
 template <Session S, class Store>
 [[nodiscard]] bool commit_beside(S& session, const WriteSet<typename S::Memory>& writes,

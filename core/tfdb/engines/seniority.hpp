@@ -8,7 +8,7 @@
 namespace tfdb::txn {
 
 /// A session's seniority: by priority, then by the commit at which its first attempt began, then by
-/// slot. Among those in slots at one time no two are equal.
+/// slot. It is unique among the sessions in slots.
 /// Threads: one; others read the age in the slot. Guarantee: wait-free.
 template <class Memory>
 class Seniority {
@@ -19,7 +19,7 @@ public:
     explicit Seniority(const SessionOptions& options)
         : priority_(options.priority), age_(options.age) {}
 
-    /// Before the session asks for its first lock.
+    /// Call before the session requests its first lock.
     void take_place(Shared& shared, unsigned slot) {
         if (age_ == 0)
             age_ = shared.committed() + 1;
@@ -38,7 +38,7 @@ private:
     std::uint64_t word_ = 0;
 };
 
-/// Calls visit(slot) for each bit of a frame lock's holders, while it returns true.
+/// Calls visit(slot) for each bit of a frame lock's holders, until it returns false.
 template <class Visit>
 [[nodiscard]] bool all_of_holders(std::uint64_t holders, Visit visit) {
     for (; holders != 0; holders &= holders - 1) {

@@ -1,4 +1,4 @@
-// What the sessions of one store share, in the engines that guard frames.
+// The state that a store's sessions share, in engines that guard frames.
 #pragma once
 
 #include <array>
@@ -13,30 +13,30 @@
 
 namespace tfdb::txn {
 
-/// Sizes of what sessions share. Tests that walk every interleaving specialise them to be tiny.
+/// Sizes of the shared state. Tests that explore every interleaving specialise them to be tiny.
 template <class Memory>
 struct SyncTuning {
     static constexpr unsigned kSlots = 62;
     static constexpr int kSpins = 100;
-    // So no operation starves: after at most 32 attempts, each of which sleeps at most 64 times for
-    // a frame, an operation asks to be alone, urgently. It then waits for what is under way, and
-    // for others that ask urgently.
+    // Prevents starvation: after at most 32 attempts, each with at most 64 sleeps for a frame, an
+    // operation urgently requests to be alone. It then waits only for operations in progress and
+    // other urgent requests.
     static constexpr int kAttemptsBeforeAlone = 32;
     static constexpr int kWaitsBeforeRetry = 64;
-    static constexpr bool kAwaitsChange = true;  // of a lock that was refused, before the retry
+    static constexpr bool kAwaitsChange = true;  // after a refused lock, before the retry
 };
 
 /// Which sessions wait for a refused lock in two-phase locking.
 enum class LockRule : std::uint8_t { kNoWait, kWaitDie, kWoundWait };
 
-/// How a session is to be begun.
+/// Options of a new session.
 struct SessionOptions {
     unsigned priority = 0;
-    std::uint64_t age = 0;  // of the attempt that lost; 0: a new one
+    std::uint64_t age = 0;  // of the aborted attempt; 0: a first attempt
     unsigned slot = sync::preferred_slot();
 };
 
-/// What a session notes of a frame that it reads.
+/// A session's note about a frame that it reads.
 struct NotedVersion {
     FrameId id = kNoFrame;
     std::uint64_t version = 0;
@@ -50,7 +50,7 @@ struct alignas(64) SlotScratch {
     PlainBatch<Memory> batch;
 };
 
-/// The gate, the commit lock and the event that frames' locks are waited for with.
+/// The gate, the commit lock, and the event for waits for frame locks.
 /// Threads: any; a slot's scratch only the thread in the slot.
 /// Guarantee: as the parts'.
 template <class Memory>
@@ -72,8 +72,7 @@ struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one p
         return frames.store_word(graph::kCommit).load_acquire();
     }
 
-    /// The number of a commit that appends; the thread that takes it holds the frames that it
-    /// writes.
+    /// The number of an appending commit. The calling thread must hold the frames that it writes.
     [[nodiscard]] CommitNumber take_ticket() {
         if (committed() >= kSeesAll - Tuning::kSlots) {
             throw CapacityExceeded("the store has used up its commit numbers: start a new one");

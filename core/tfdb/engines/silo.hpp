@@ -1,4 +1,5 @@
-// Optimistic: reads note versions and check them at the end, after S. Tu et al. (SOSP 2013).
+// Optimistic engine: reads record versions and validate them at the end, after S. Tu et al. (SOSP
+// 2013).
 #pragma once
 
 #include <algorithm>
@@ -10,10 +11,10 @@
 
 namespace tfdb::txn {
 
-/// Reads take no lock: each frame's version is noted before it is read, and `confirm` finds all of
-/// them unchanged, or the attempt counts for nothing. Writes lock their frames in order of id.
-/// Threads: one. Guarantee: no thread waits for a reader; a locking one waits, holding only frames
-/// of lower ids, so no cycle can arise.
+/// Reads take no lock. A read records the frame's version first; `confirm` checks that all versions
+/// are unchanged, otherwise the attempt is void. Writes lock their frames in order of id.
+/// Threads: one. Guarantee: no thread waits for a reader. A locking thread waits while it holds
+/// only frames of lower ids, so no cycle can arise.
 template <class M>
 class SiloSession : public GateSession<M, SiloSession<M>> {
     using Base = GateSession<M, SiloSession<M>>;
@@ -38,7 +39,7 @@ public:
                    (locked(frame.id) && lock.unchanged_until_mine(frame.version));
         });
     }
-    /// Ascending: the ids that are held stay sorted.
+    /// `frames` ascends, so the locked ids stay sorted.
     [[nodiscard]] bool lock(std::span<const FrameId> frames) {
         auto& held = this->scratch().held;
         held.reserve(held.size() + frames.size());
@@ -89,7 +90,7 @@ private:
         auto& held = this->scratch().held;
         for (; !held.empty(); held.pop_back()) {
             Lock lock(this->lock_word(held.back()));
-            // Also what was stored and taken back may have been read meanwhile.
+            // Even samples that were stored and rolled back may have been read meanwhile.
             tell |= lock.unlock(wrote_);
         }
         this->scratch().noted.clear();

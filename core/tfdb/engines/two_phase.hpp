@@ -11,18 +11,18 @@
 
 namespace tfdb::txn {
 
-/// Shared locks on frames that are read, exclusive locks on frames that are written, all held to
-/// the end: the session reads one state, the present one. `shared.rule` decides which
-/// sessions wait for a refused lock, and no rule allows a cycle of waits:
-/// - kNoWait (the paper's): readers wait. A writer lets go of everything and starts again once the
-///   lock has changed hands, so a holder of an exclusive lock never waits.
-/// - kWaitDie: the senior waits, the junior starts again. A restart keeps its age, so it is the
-///   oldest in the end.
+/// Shared locks on read frames, exclusive locks on written frames, all held to the end: the session
+/// reads one state, the current one. `shared.rule` decides which sessions wait for a refused lock;
+/// no rule allows a cycle of waits:
+/// - kNoWait (the paper's): readers wait. A writer releases everything and restarts once the lock's
+/// state has changed, so a holder of an exclusive lock never waits.
+/// - kWaitDie: the senior waits, the junior restarts. A restart keeps its age, so it becomes the
+/// oldest at last.
 /// - kWoundWait: the senior wounds the juniors that hold the lock, then waits. A wounded session
-///   starts again at its next request or wait; one without a further request ends undisturbed.
-///   Any cycle would hold a junior in a senior's way, and that junior is wounded.
-/// Threads: one. Guarantee: strict two-phase locking without deadlock; a frame is waited for a
-/// bounded number of times, then the session gives up.
+/// restarts at its next request or wait; one without a further request ends normally. Any cycle
+/// would have a senior wait for a junior, and that junior is wounded.
+/// Threads: one. Guarantee: strict two-phase locking without deadlock; a session waits for a frame
+/// a bounded number of times, then gives up.
 template <class M>
 class TwoPhaseSession : public GateSession<M, TwoPhaseSession<M>> {
     using Base = GateSession<M, TwoPhaseSession<M>>;
@@ -50,8 +50,8 @@ public:
     [[nodiscard]] bool enter(FrameId id) { return this->alone() || get(id, false); }
     void leave(FrameId) {}
 
-    /// Who was refused a lock, and has let go of all others, waits until that one has changed
-    /// hands: to ask again before would be to be refused again.
+    /// After a refused lock, the session has released all others. It waits until the refused lock's
+    /// state has changed: an earlier retry would be refused again.
     void pause() {
         const FrameId id = std::exchange(refused_, kNoFrame);
         if (!Tuning::kAwaitsChange || id == kNoFrame || !await_change(id))
@@ -82,13 +82,13 @@ private:
     using Attempt = typename FrameLock::Attempt;
     using Tuning = typename Base::Shared::Tuning;
 
-    // A slot's state: how many sessions it has had, and whether the present one is wounded.
+    // A slot's state: its number of sessions so far, and whether the current one is wounded.
     static constexpr std::uint64_t kWounded = 1;
 
     [[nodiscard]] LockRule rule() const { return this->shared_.rule; }
     [[nodiscard]] bool ages_matter() const { return rule() != LockRule::kNoWait; }
 
-    /// A new session in the slot, without a wound.
+    /// Starts a new session in the slot, without a wound.
     void unwound() {
         auto& state = this->shared_.gate.state(this->slot_);
         state.store_relaxed((state.load_relaxed() | kWounded) + 1);
@@ -97,7 +97,7 @@ private:
         return rule() == LockRule::kWoundWait &&
                (this->shared_.gate.state(this->slot_).load_relaxed() & kWounded) != 0;
     }
-    /// True if the holder was not wounded before. A later session in its slot stays unharmed.
+    /// True if the holder was not wounded before. It never wounds a later session in the slot.
     [[nodiscard]] bool wound(FrameLock& lock, unsigned other) {
         auto& state = this->shared_.gate.state(other);
         std::uint64_t found = state.load_acquire();
@@ -146,7 +146,7 @@ private:
         }
         if ((attempt.found & FrameLock::bit(this->slot_)) == 0)
             held.push_back(id);
-        // Who sleeps judged by the ages of those that held it then.
+        // A sleeper judged the ages of the holders at that time; they have changed.
         if (ages_matter() && attempt.waited())
             this->shared_.event.notify_all();
         return true;
@@ -169,7 +169,7 @@ private:
             if (!lock.mark_waited(attempt)) {
                 this->shared_.event.cancel();
             } else if (!may_wait_for(lock, attempt, exclusive)) {
-                // Only from the mark on is it certain for whom this would wait.
+                // The holders are certain only after the mark.
                 this->shared_.event.cancel();
                 return attempt;
             } else {
@@ -182,7 +182,7 @@ private:
         return attempt;
     }
 
-    /// False if it had changed already.
+    /// False if the lock had already changed.
     [[nodiscard]] bool await_change(FrameId id) {
         for (int spin = 0; spin < Tuning::kSpins; ++spin) {
             if (this->lock_word(id).load_relaxed() != refused_by_.found)

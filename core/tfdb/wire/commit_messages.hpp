@@ -29,10 +29,10 @@ struct ChosenName {
 };
 using ChooseName = std::function<ChosenName(std::string_view)>;
 
-/// The messages of each commit of a sample. Commits of which nothing is left have none. `whole`
-/// goes on from the commit before, the first from `since`; of a state it is always there.
-/// An empty `choose` keeps all names. Throws what `choose` throws, and InvalidArgument for frames
-/// that get the same name.
+/// The messages of each commit of a sample. Commits without kept data have none. `whole` continues
+/// from the previous commit, the first one from `since`; a state always has it. An empty `choose`
+/// keeps all names. Throws the exceptions of `choose`, and InvalidArgument for frames that get the
+/// same name.
 [[nodiscard]] std::vector<CommitMessages> messages_of_commits(std::span<const std::byte> data,
                                                               CommitNumber since,
                                                               const ChooseName& choose);
