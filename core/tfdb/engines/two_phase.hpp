@@ -15,12 +15,12 @@ namespace tfdb::txn {
 /// reads one state, the current one. `shared.rule` decides which sessions wait for a refused lock;
 /// no rule allows a cycle of waits:
 /// - kNoWait (the paper's): readers wait. A writer releases everything and restarts once the lock's
-/// state has changed, so a holder of an exclusive lock never waits.
+///   state has changed, so a holder of an exclusive lock never waits.
 /// - kWaitDie: the senior waits, the junior restarts. A restart keeps its age, so it becomes the
-/// oldest at last.
+///   oldest at last.
 /// - kWoundWait: the senior wounds the juniors that hold the lock, then waits. A wounded session
-/// restarts at its next request or wait; one without a further request ends normally. Any cycle
-/// would have a senior wait for a junior, and that junior is wounded.
+///   restarts at its next request or wait; one without a further request ends normally. Any cycle
+///   would have a senior wait for a junior, and that junior is wounded.
 /// Threads: one. Guarantee: strict two-phase locking without deadlock; a session waits for a frame
 /// a bounded number of times, then gives up.
 template <class M>

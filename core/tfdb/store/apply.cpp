@@ -1,4 +1,4 @@
-// Commits and states of other stores, applied: see docs/wire.md.
+// Applies commits and states of other stores: see docs/wire.md.
 #include <algorithm>
 #include <bit>
 #include <cstdio>
@@ -17,7 +17,7 @@ namespace {
 using history::SourceWord;
 using wire::CommitSample;
 
-/// Above the digest of the chosen frames stands that of the shared ones: see Position::choice.
+/// The digest of the shared frames lies above that of the chosen frames: see Position::choice.
 constexpr unsigned kSharedShift = 32;
 
 [[nodiscard]] history::EdgeWriter<StoreMemory> writer_to(Store& store, FrameId id) {
@@ -34,7 +34,7 @@ void for_each_source_word(Store& store, Visit visit) {
     }
 }
 
-/// What writers of this store made and stored is the source's from now on.
+/// Assigns the frames and samples of this store's writers to the source.
 void adopt(Store& store, std::uint64_t source) {
     for_each_source_word(store, [&](FrameId id, sync::Word& word) {
         const std::uint64_t before = word.load_relaxed();
@@ -56,7 +56,7 @@ bool is_only_of(Store& store, std::uint64_t source) {
     return only;
 }
 
-/// A sample of another store, with the names that its frames have here.
+/// A sample of another store, with its frames' names in this store.
 /// Threads: the holder of the commit lock. Guarantee: one call of `commit` is one commit, all or
 /// nothing.
 class Applying {
@@ -93,7 +93,7 @@ public:
             check_numbers(i);
     }
 
-    /// None: nothing of the source was applied yet.
+    /// Empty if no commit of the source was applied yet.
     [[nodiscard]] std::optional<Position> position() {
         if (record_ != 0)
             return store_.positions.position(record_);
@@ -109,9 +109,10 @@ public:
         return store_.positions.position(record_);
     }
 
-    /// What the sample holds of its source. Samples with another choice belong to another copy.
+    /// The sample's selection of its source's frames. Samples with another choice belong to another
+    /// copy.
     [[nodiscard]] std::uint64_t choice() const { return choice_; }
-    /// Applies one commit of the sample; the position is then `until`.
+    /// Applies one commit of the sample; the position then is `until`.
     void commit(const CommitSample::Commit& commit, CommitNumber until) {
         if (record_ == 0)
             record_ = store_.positions.make(options_.source, options_.prefix);
@@ -189,7 +190,7 @@ private:
     [[nodiscard]] std::string_view authority_of(const CommitSample::Edge& edge) const {
         return sample_.authorities[edge.authority];
     }
-    /// Once: numbers stay.
+    /// Call once: numbers are stable.
     void number_authors() {
         while (authors_.size() < sample_.authorities.size())
             authors_.push_back(store_.author_number(sample_.authorities[authors_.size()]));
@@ -220,7 +221,7 @@ private:
         if (edge(id).has_samples())
             mark_cleared(id);
     }
-    /// Also an edge without samples; one that is cleared already is not cleared again.
+    /// Includes edges without samples; an edge that is cleared already is not cleared again.
     void mark_cleared(FrameId id, std::uint64_t author = 0) {
         const bool is_first = cleared_.insert(id);
         commit_->set_author(author);
@@ -245,7 +246,7 @@ private:
                 remove(id);
         }
     }
-    /// A frame that others made, or that has children of others, stays, without its samples.
+    /// A frame created by others, or with children of others, stays without its samples.
     void remove(FrameId id) {
         if (SourceWord::maker(source_word(id)) != source_ || has_foreign_child(id)) {
             if (is_written_here(id))
@@ -269,7 +270,7 @@ private:
     [[nodiscard]] FrameId newest_parent(FrameId id) const {
         return txn::newest_parent(store_.frames, id, store_.committed(), store_.history);
     }
-    /// Made and removed: samples of others name it.
+    /// Creates and removes a frame that samples of others name.
     void pass(std::uint32_t name) {
         gone_[name] = commit_->find_frame(names_[name]);
         if (gone_[name] != kNoFrame)
@@ -279,8 +280,8 @@ private:
         removed_.insert(gone_[name]);
     }
 
-    /// Before a state: of what the source had, what the state lacks goes, and all samples. A frame
-    /// that has lost its samples here and never had any in the state is another one.
+    /// Prepares for a state: removes the source's frames that the state lacks, and all its samples.
+    /// A frame that lost its samples here and never had any in the state is a different frame.
     void take_away() {
         txn::FrameSet stays;
         for (std::uint32_t name = 0; name < names_.size(); ++name) {
@@ -328,7 +329,7 @@ private:
             throw InvalidTransform("a commit stores the edge of frame " + quoted(name) + " twice",
                                    std::move(detail));
         }
-        // The source clears an edge before it changes its kind: here another writer has done so.
+        // The source clears an edge before it changes its kind; here another writer has changed it.
         if (writer.has_samples() && !cleared_.contains(child) &&
             (!is_written_here(child) || writer.is_static() != edge.is_static)) {
             replaced_.push_back(names_[edge.child]);
@@ -343,7 +344,7 @@ private:
         const StampNs newest = std::max(rows.back().stamp, writer.newest());
         for (std::size_t i = 0; i < rows.size(); ++i) {
             const CommitSample::Row& row = rows[i];
-            // This store's history may be the shorter one.
+            // This store's history may be shorter.
             if (!edge.is_static && row.stamp < newest - store_.history)
                 continue;
             history::NewSample<StoreMemory> sample;
@@ -383,7 +384,7 @@ private:
             gone_[row.parent] = removed_parent();
         return gone_[row.parent];
     }
-    /// For samples whose parents were removed long ago: a frame that is made and removed.
+    /// For samples whose parents were removed long ago: a frame that is created and removed.
     [[nodiscard]] FrameId removed_parent() {
         if (removed_parent_ == kNoFrame) {
             std::string name = "(removed)";
@@ -396,7 +397,7 @@ private:
         return removed_parent_;
     }
 
-    /// The frame that the newest sample names, also one that the commit removes.
+    /// The frame named by the newest sample, even if the commit removes it.
     [[nodiscard]] FrameId named_parent(const StoreView& view, FrameId id) const {
         StoreEdge edge;
         if (!view.open(id, edge) || edge.empty())
@@ -404,7 +405,7 @@ private:
         const auto slot = edge.read(edge.newest());
         return store_.frames.born(slot.parent) <= slot.commit ? slot.parent : kNoFrame;
     }
-    /// Nothing that stays may have a parent that goes.
+    /// Checks that no remaining frame has a removed parent.
     void check_removed() {
         if (!may_be_in_use_)
             return;
@@ -433,21 +434,21 @@ private:
     Store& store_;
     const CommitSample& sample_;
     const ApplyOptions& options_;
-    std::vector<std::string> names_;  // as they are here
+    std::vector<std::string> names_;  // in this store
     std::vector<std::string> replaced_;
-    std::vector<std::uint64_t> authors_;  // by the sample's authorities
+    std::vector<std::uint64_t> authors_;  // indexed by the sample's authorities
     std::uint64_t choice_;
     Positions::Record record_ = 0;
     std::uint64_t source_ = 0;
-    // Of one commit:
+    // For the current commit:
     StoreCommit* commit_ = nullptr;
     std::vector<FrameId> ids_;   // by name
-    std::vector<FrameId> gone_;  // by name: those that the commit removed
+    std::vector<FrameId> gone_;  // by name: frames that the commit removed
     txn::FrameSet cleared_;
     txn::FrameSet removed_;
     txn::FrameSet written_;
     FrameId removed_parent_ = kNoFrame;
-    bool may_be_in_use_ = false;  // what was removed, by frames that stay
+    bool may_be_in_use_ = false;  // remaining frames may use removed ones
 };
 
 std::string text_of(const Epoch& epoch) {
@@ -458,7 +459,7 @@ std::string text_of(const Epoch& epoch) {
     return std::to_string(epoch.number) + "-" + id;
 }
 
-/// Judges whether nothing may be missing between a position and a sample of these options.
+/// Checks whether commits between a position and a sample of these options may be missing.
 /// Threads: one. Guarantee: changes nothing.
 class Order {
 public:
@@ -469,7 +470,7 @@ public:
     [[nodiscard]] bool is_same_epoch() const {
         return position_ && sample_.epoch == position_->epoch;
     }
-    /// Whether both are parts of one copy.
+    /// Whether position and sample belong to one copy.
     [[nodiscard]] bool goes_on() const { return is_same_epoch() && choice_ == position_->choice; }
     /// Throws Fenced, OutOfOrder.
     void check() const {
@@ -489,7 +490,7 @@ public:
     }
 
 private:
-    /// One with other frames may be of the position's commit, not of one before it.
+    /// A state with other frames may be of the position's commit, but not of an earlier one.
     void check_state() const {
         if (is_same_epoch() && !goes_on() && sample_.last < position_->commit) {
             refuse("the state of commit " + std::to_string(sample_.last) + " of source " +
@@ -542,7 +543,7 @@ private:
     const std::optional<Position>& position_;
 };
 
-/// Throws where commits of others cannot be applied.
+/// Throws if commits of other stores cannot be applied.
 void check_applies(const Store& store) {
     if (store.engine != nullptr) {
         throw NotSupported("commits cannot be applied in the engine '" +
@@ -576,7 +577,7 @@ Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& optio
         while (next < commits.size() && goes_on && commits[next].number <= position->commit)
             ++next;
         done = next + 1 >= commits.size();
-        // Commits that did nothing to the frames of the sample are not in it.
+        // The sample lacks commits that did not touch its frames.
         const wire::CommitSample::Commit nothing{};
         applying.commit(next < commits.size() ? commits[next] : nothing,
                         done ? sample.last : commits[next + 1].number - 1);

@@ -19,11 +19,12 @@
 
 namespace tfdb {
 
-/// The transforms that a store with unlimited history keeps of messages, with their arrival.
-/// Threads: one. Guarantee: of a message that `add` throws for, a part may be there.
+/// The transforms that a store with unlimited history keeps of the messages, with their arrival
+/// times.
+/// Threads: one. Guarantee: if `add` throws, a part of the message may have been added.
 class Arrivals {
 public:
-    /// Of one child frame. Parents and publishers are indices of `names`.
+    /// Columns of one child frame. Parents and publishers are indices of `names`.
     struct Columns {
         std::vector<clock::StampNs> stamps;
         std::vector<std::int64_t> received;
@@ -38,10 +39,12 @@ public:
         bool is_static;
     };
 
-    /// `with_store`: a store judges. Otherwise a survey does, which is right while it is a tree.
+    /// `with_store`: a store validates the transforms. Otherwise an EdgeSurvey does, which is exact
+    /// for trees.
     explicit Arrivals(bool with_store);
 
-    /// Adds what a store keeps of a message; `keep(i)` is called for each member that it keeps.
+    /// Adds the transforms that a store keeps of a message; calls `keep(i)` for each of these
+    /// members.
     template <class Keep>
     void add(std::span<const wire::TransformView> members, const Message& message, Keep keep) {
         judge(members, message.is_static);
@@ -53,17 +56,17 @@ public:
             keep(i);
         }
     }
-    /// Stores static transforms that did not arrive.
+    /// Stores static transforms that have no arrival.
     void hold(std::span<const wire::TransformView> members) { judge(members, true); }
 
-    /// False: what was added may not be what a store keeps; a store must judge.
+    /// False: the result may differ from a store's; a store is needed.
     [[nodiscard]] bool is_right() const { return store_ || survey_.is_tree(); }
     [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
-    /// By child, and by whether they are static: transforms refused with StaticConflict.
+    /// Numbers of transforms refused with StaticConflict, by child and by whether they are static.
     [[nodiscard]] const std::map<std::pair<std::string, bool>, std::uint64_t>& conflicts() const {
         return conflicts_;
     }
-    /// By child, in the order of the names. What is taken out of it is gone.
+    /// By child, ordered by name. The caller may move columns out.
     [[nodiscard]] std::map<std::string, Columns, std::less<>>& columns() { return columns_; }
 
 private:

@@ -31,7 +31,7 @@ std::uint64_t Authorities::id(std::string_view name) {
         return 0;
     if (last.serial != serial_ || last.name != name) {
         const std::uint64_t found = find_or_add(name);
-        last.serial = 0;  // until all three are of one name
+        last.serial = 0;  // until all three belong to one name
         last.name = name;
         last.id = found;
         last.serial = serial_;
@@ -84,7 +84,7 @@ void Authorities::learn() {
         std::string name;
     };
     std::vector<Found> found;
-    // Numbers that fall, and blocks that do not overlap: only what was damaged has others.
+    // Offsets descend and blocks do not overlap, unless the list is damaged.
     Offset left = region_.end();
     std::uint64_t before = kMost;
     for (Offset block = region_.inside(newest_.load_acquire()); block != 0;) {
@@ -115,7 +115,7 @@ std::string Authorities::name(std::uint64_t id) {
 }
 
 std::size_t Authorities::bytes() const {
-    constexpr std::size_t kNode = 2 * sizeof(void*);  // what a table keeps beside each entry
+    constexpr std::size_t kNode = 2 * sizeof(void*);  // overhead of a table entry
     const std::lock_guard guard(lock_);
     std::size_t bytes = sizeof(void*) * (ids_.bucket_count() + names_.bucket_count());
     for (const auto& entry : ids_) {

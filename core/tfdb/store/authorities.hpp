@@ -1,4 +1,4 @@
-// Names of authorities (writers), and their numbers, which frames keep.
+// Names of authorities (writers), and their numbers, which frame headers store.
 #pragma once
 
 #include <cstddef>
@@ -13,28 +13,29 @@
 
 namespace tfdb::store {
 
-/// Names of authorities by numbers; no name is number 0. The names lie in the region, as a list
-/// that only grows; each process reads it into tables of its own.
-/// Threads: any. Guarantee: they block only against each other. What throws leaves all as it was.
+/// Numbers the names of authorities; the empty name is number 0. The names lie in the region, as a
+/// list that only grows; each process reads them into its own tables.
+/// Threads: any. Guarantee: calls block only each other. An exception leaves everything unchanged.
 class Authorities {
 public:
-    /// So many names fit, the empty one included: a note of the feed has 16 bits for the number.
+    /// Maximum number of names, including the empty one: a note of the feed has 16 bits for the
+    /// number.
     static constexpr std::uint64_t kMost = 1 << 16;
 
-    /// `newest`: the word of the region that leads to the list.
+    /// `newest`: the region's word with the list's newest entry.
     Authorities(memory::Region& region, sync::Word& newest);
 
-    /// The number of a name, a new one where necessary: of a store that processes share, only the
-    /// holder of the commit lock asks. Throws CapacityExceeded.
+    /// The number of a name; adds a new name if necessary. In a shared store only the holder of the
+    /// commit lock may call it. Throws CapacityExceeded.
     [[nodiscard]] std::uint64_t id(std::string_view name);
-    /// Empty for a number that only a damaged store has.
+    /// Empty for an unknown number, which only a damaged store has.
     [[nodiscard]] std::string name(std::uint64_t id);
 
-    /// Whether a thread uses the names.
+    /// Whether a thread is using the names.
     [[nodiscard]] bool in_use() const noexcept { return lock_.in_use(); }
-    /// What the names occupy.
+    /// Memory occupied by the names.
     [[nodiscard]] std::size_t bytes() const;
-    /// Every block of the region that they lie in: visit(offset, bytes).
+    /// Visits every block of the region that holds them: visit(offset, bytes).
     template <class Visit>
     void visit_blocks(Visit visit) const {
         Offset block = region_.inside(newest_.load_acquire());
@@ -53,7 +54,7 @@ private:
     };
     using Ids = std::unordered_map<std::string, std::uint64_t, Hash, std::equal_to<>>;
 
-    /// Of each name in the region.
+    /// An entry of the list in the region.
     struct Listed {
         static constexpr Offset kNext = 0;
         static constexpr Offset kNumber = 8;
@@ -65,14 +66,14 @@ private:
     std::uint64_t find_or_add(std::string_view name);
     void enter(std::string_view name, std::uint64_t id);
     void list(std::string_view name, std::uint64_t id);
-    /// Learns what others have listed since.
+    /// Reads the names that other processes have added.
     void learn();
     mutable sync::Word lock_word_{};
     mutable sync::CommitLock lock_{lock_word_};
-    Ids ids_;                                                      // those that are known here
+    Ids ids_;                                                      // those known to this process
     std::unordered_map<std::uint64_t, const std::string*> names_;  // the keys of `ids_`
     std::uint64_t last_id_ = 0;
-    std::uint64_t serial_;  // never the same twice, as an address might be
+    std::uint64_t serial_;  // unique, unlike an address
     memory::Region& region_;
     sync::Word& newest_;
 };

@@ -10,25 +10,26 @@
 
 namespace tfdb::store {
 
-/// How a stamp of a batch is answered. In this order: of two edges the later one counts.
+/// How a stamp of a batch is answered. In ascending order: of two edges' marks the later one
+/// counts.
 enum class Mark : std::uint8_t {
     kPlain,    // by the kernels
-    kRefused,  // not at all: the policy gives some edge no pose, on this path
-    kSingle,   // by a lookup of its own, which handles every case
+    kRefused,  // not at all: the policy gives some edge of this path no pose
+    kSingle,   // by a single lookup, which handles every case
 };
 
-/// Threads: one. Guarantee: wait-free, no allocation. What `find` and the kernels read counts only
-/// if `confirm` says so afterwards.
+/// Threads: one. Guarantee: wait-free, no allocation. Reads by `find` and the kernels count only if
+/// `confirm` is true afterwards.
 class BatchEdge {
 public:
-    /// kMismatch: not an edge between these two frames, or one that has to be looked up singly.
+    /// kMismatch: no edge between these two frames, or one that requires single lookups.
     [[nodiscard]] lookup::Outcome open(const StoreView& view, FrameId child, FrameId parent) {
         using history::SlotWord;
         using lookup::Outcome;
         memory_ = &view.frames().memory();
         if (!view.open(child, view_))
             return Outcome::kLapped;
-        // The parent's slot may have had another frame before.
+        // The parent's slot may have held another frame before.
         const CommitNumber born = view.frames().born(parent);
         words_ = {SlotWord::pack(born, parent), SlotWord::pack(view.commit(), parent), kNoFrame};
         if (view_.empty() || !view.alive(parent) || born > view.commit())
@@ -48,14 +49,14 @@ public:
     }
 
     [[nodiscard]] bool is_static() const { return view_.is_static(); }
-    /// Of a static edge.
+    /// Requires a static edge.
     [[nodiscard]] const Pose& pose() const { return pose_; }
     void put_in_front(const Pose& pose) { pose_ = geometry::compose(pose, pose_); }
     [[nodiscard]] const geometry::SlotWords& words() const { return words_; }
     [[nodiscard]] const StoreEdge& view() const { return view_; }
 
-    /// Between which samples the stamps lie; raises the marks of those that kernels cannot answer.
-    /// False: overtaken. `count` is of whole groups.
+    /// Finds the samples around the stamps; raises the marks of stamps that kernels cannot answer.
+    /// False: overtaken. `count` is a multiple of the group size.
     [[nodiscard]] bool find(const StampNs* stamps, std::size_t count, const Policy& policy,
                             geometry::Pairs& pairs, Mark* marks) {
         pairs.count = 0;
@@ -64,7 +65,7 @@ public:
         std::uint32_t pair = 0;
         Mark mark = Mark::kPlain;
         StampNs from = 0;
-        std::uint64_t length = 0;  // what holds at `from` does at so many stamps
+        std::uint64_t length = 0;  // number of stamps for which the pair at `from` is valid
         for (std::size_t i = 0; i < count; ++i) {
             if (static_cast<std::uint64_t>(stamps[i] - from) >= length) {
                 const std::uint64_t after = interpolates ? inside(stamps[i]) : 0;
@@ -87,7 +88,8 @@ public:
         return true;
     }
 
-    /// After the kernels met slots that are not of this snapshot's edge between the two frames.
+    /// Call after the kernels found slots that do not belong to this snapshot's edge between the
+    /// two frames.
     void mark_strangers(const geometry::Pairs& pairs, std::size_t count, Mark* marks) const {
         const auto strange = [this](const void* slot) {
             return !words_.contain(static_cast<const sync::Word*>(slot)->load_relaxed());
@@ -99,14 +101,14 @@ public:
         }
     }
 
-    // What lookup::select asks.
+    // The functions that lookup::select needs.
     [[nodiscard]] static bool empty() { return false; }
     [[nodiscard]] history::SampleAt newest() const { return view_.newest(); }
     [[nodiscard]] std::uint64_t slot_word(const history::SampleAt& at) const {
         return view_.slot_word(at);
     }
-    /// As the view's, but it may be one that the snapshot does not see: the kernels tell by the
-    /// slot's first word.
+    /// As the view's, but the sample may be invisible to the snapshot: the kernels check the slot's
+    /// first word.
     [[nodiscard]] bool bracket(StampNs stamp, history::Bracket& out) const {
         const std::uint64_t after = inside(stamp);
         if (after == 0)
@@ -117,24 +119,25 @@ public:
     }
 
 private:
-    /// Shares of wider gaps may be rounded to 1.
+    /// The shares of wider gaps may round to 1.
     static constexpr StampNs kWidest = (StampNs{1} << 53) - 1;
 
-    /// The index of the first sample after the stamp; 0 where the view has to be asked.
+    /// The index of the first sample after the stamp; 0 if the view must be asked.
     [[nodiscard, gnu::always_inline]] std::uint64_t inside(StampNs stamp) const {
         std::uint64_t index = index_;
         if (stamp < first_ || stamp >= last_) {
             index = enter_segment(stamp);
         } else if (!dense_ || stamp_at(index) > stamp || stamp_at(++index) <= stamp) {
-            index = guess(stamp);  // not in the gap after that of the last stamp
+            index = guess(stamp);  // not in the gap after the last stamp's
         }
-        // Of samples with the same stamp the newest one counts, and it may be in another segment.
+        // Of equal stamps the newest sample counts, and it may be in another segment.
         const bool known = index > begin_ && index + 1 < end_ &&
                            stamp_at(index + 1) != stamp_at(index) && stamp_at(index - 1) >= cutoff_;
         index_ = known ? index : begin_;
         return known ? index : 0;
     }
-    /// Returns the index of the first sample after the stamp, as EdgeView::place.
+    /// Enters a segment and returns the index of the first sample after the stamp, as
+    /// EdgeView::place.
     [[nodiscard, gnu::noinline]] std::uint64_t enter_segment(StampNs stamp) const {
         const auto [segment, index] = view_.place(stamp);
         begin_ = segment.begin();
@@ -149,8 +152,8 @@ private:
         }
         return index;
     }
-    /// The same within the segment. Samples mostly come at a steady rate; without branches, for
-    /// which way a guess is off cannot be foretold.
+    /// The same within the segment. Samples mostly arrive at a steady rate. It is branch-free
+    /// because the direction of a guess's error is unpredictable.
     [[nodiscard, gnu::always_inline]] std::uint64_t guess(StampNs stamp) const {
         const auto steps = static_cast<std::uint64_t>(static_cast<double>(stamp - first_) * rate_);
         std::uint64_t index = std::min(begin_ + steps + 1, end_ - 1);
@@ -168,7 +171,7 @@ private:
         return slots_ + history::Segment<StoreMemory>::kSlotBytes * i;
     }
 
-    /// As the policy says, and the view. What it finds holds at so many stamps from `from` on.
+    /// Follows the policy and the view. The result is valid for that many stamps from `from` on.
     [[nodiscard, gnu::noinline]] bool find_apart(StampNs stamp, const Policy& policy,
                                                  geometry::Pairs& pairs, StampNs& from,
                                                  std::uint64_t& length, Mark& mark) const {
@@ -187,7 +190,7 @@ private:
                    (second && (chosen.used == lookup::Used::kExtrapolated || gap > kWidest)) ||
                    (chosen.used == lookup::Used::kHeld &&
                     policy.kind != lookup::PolicyKind::kPrevious)) {
-            // Whatever holds until another parent's sample: the snapshot may not see that one.
+            // It holds until the sample of another parent, which the snapshot may not see.
             mark = Mark::kSingle;
         } else if (!second) {
             add(first.slot, first.slot, first.stamp, geometry::Pairs::kHeld, pairs);
@@ -210,14 +213,14 @@ private:
     geometry::SlotWords words_;
     Pose pose_{};
     StampNs cutoff_ = 0;
-    // The segment that was looked at last: its stamps lie in [first, last].
+    // The last segment used: its stamps lie in [first, last].
     mutable const sync::Word* stamps_ = nullptr;
     mutable Offset slots_ = 0;
     mutable std::uint64_t begin_ = 0;
     mutable std::uint64_t end_ = 0;
-    mutable std::uint64_t index_ = 0;  // in it, of the first sample after the last stamp
+    mutable std::uint64_t index_ = 0;  // in it, the first sample after the last stamp
     mutable double rate_ = 0.0;        // samples per ns
-    bool dense_ = true;                // many stamps for each sample, of late
+    bool dense_ = true;                // recently many stamps per sample
     mutable StampNs first_ = 0;
     mutable StampNs last_ = 0;
 };

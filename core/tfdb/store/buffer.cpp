@@ -120,7 +120,7 @@ void Buffer::check_not_in_transaction() const {
 
 Snapshot Buffer::snapshot() const {
     if (store_->engine != nullptr) {
-        // Alone, for then every commit up to this one has been applied in full.
+        // Alone: every commit up to this one has then been applied completely.
         store::check_not_in_transaction(*store_);
         const store::Alone alone(*store_);
         const unsigned pin = store_->held_pins.take(store_->committed());
@@ -169,7 +169,7 @@ Concurrency Buffer::concurrency() const {
 
 MemoryUse Buffer::memory() const {
     store::check_may_wait(*store_);
-    // A read-only process cannot lock: its counts may change while it counts.
+    // A read-only process cannot lock, so its counts may change during the count.
     std::optional<store::Alone> alone;
     if (store_->shared == nullptr || store_->shared->writable)
         alone.emplace(*store_);
@@ -195,7 +195,7 @@ Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsig
 Snapshot::Snapshot(Snapshot&& other) noexcept
     : Reads(std::move(other.store_), other.held_), pin_(other.pin_), forks_(other.forks_) {}
 
-/// False for the copy of a shared store's snapshot in a forked child, whose slot is another one.
+/// False for the copy of a shared store's snapshot in a forked child, which uses another slot.
 bool Snapshot::is_counted() const {
     return store_->shared == nullptr || forks_ == sync::forks();
 }

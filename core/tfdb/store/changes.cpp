@@ -1,4 +1,4 @@
-// What commits did, from the feed and from the history.
+// The effects of commits, from the feed and from the history.
 #include <algorithm>
 #include <bit>
 #include <string>
@@ -13,8 +13,8 @@ namespace {
 using lookup::Outcome;
 using txn::FeedNote;
 
-/// Reads what commits did from the newest state and the remains of older ones.
-/// Threads: one. Guarantee: kLapped where a writer overtook it.
+/// Reads the effects of commits from the newest state and the remains of older states.
+/// Threads: one. Guarantee: kLapped if a writer overtook it.
 class ChangeReader {
 public:
     ChangeReader(const Store& store, const StoreView& newest, const FeedNotes& notes,
@@ -32,7 +32,7 @@ public:
         });
         return whole ? Outcome::kOk : Outcome::kLapped;
     }
-    /// Whether the commit that was read last did something to the frames that are asked for.
+    /// Whether the last commit read touched the requested frames.
     [[nodiscard]] bool touched_any() const { return touched_any_; }
 
 private:
@@ -74,7 +74,7 @@ private:
         return read_stored(id, commit, FeedNote::count(note), edge);
     }
 
-    /// What state `commit` had, or what the newest one still has of it.
+    /// Reads the commit's samples from its own state, or what remains of them in the newest state.
     bool read_stored(FrameId id, CommitNumber commit, std::uint64_t count, Changes::Edge& out) {
         std::vector<FrameId> parents;
         if (!collect_of_state(id, commit, count, parents, out)) {
@@ -97,7 +97,8 @@ private:
         }
         return true;
     }
-    /// What state `commit` had, as often as writers overtake that. False: it is known no more.
+    /// Reads the commit's samples from its own state, retrying if a writer overtakes it. False: the
+    /// state is lost.
     bool collect_of_state(FrameId id, CommitNumber commit, std::uint64_t count,
                           std::vector<FrameId>& parents, Changes::Edge& out) {
         constexpr int kTries = 32;
@@ -116,7 +117,7 @@ private:
         out.poses.clear();
     }
 
-    /// At most `count` samples of one commit, those of the greatest stamp first. False: overtaken.
+    /// At most `count` samples of one commit, greatest stamps first. False: overtaken.
     static bool collect(const StoreView& view, FrameId id, CommitNumber commit, std::uint64_t count,
                         std::vector<FrameId>& parents, Changes::Edge& out) {
         StoreEdge edge;
@@ -166,12 +167,12 @@ void throw_future_commit(CommitNumber since, CommitNumber newest) {
 }
 
 void throw_lapped(const Store& store, CommitNumber since) {
-    // Commit `floor` and later ones are kept: a caller that has the one before it can go on.
+    // Commit `floor` and later ones are kept: a caller that has the previous commit can continue.
     const CommitNumber oldest = StoreFeed(store.frames).floor().load_acquire() - 1;
-    // Read after the floor: the commit of the view may have left the feed by now.
+    // Read after the floor: the view's commit may have left the feed by now.
     const CommitNumber newest = store.committed();
     // The oldest commit is overwritten next: at a writer's full speed it is gone before the caller
-    // asks again. Half of the feed lies between this one and that.
+    // asks again. Half of the feed lies between this commit and the safe one.
     const CommitNumber safe = newest - (newest - std::min(oldest, newest)) / 2;
     ErrorDetail detail;
     detail.since = since;

@@ -17,7 +17,7 @@ namespace tfdb {
 namespace {
 
 constexpr std::int64_t kForEver = std::numeric_limits<std::int64_t>::max();
-// A setting may be made by a process that is killed before it wakes the sleepers.
+// A process may be killed between its setting and the wake-up of the sleepers.
 constexpr std::int64_t kLongestSleepNs = 100'000'000;
 
 StampNs system_now() {
@@ -39,7 +39,7 @@ StampNs time_of(const ClockSetting& set, std::int64_t now) {
     return std::min(clock::saturating_add(set.time, moved), clock::kMaxStamp);
 }
 
-/// Real nanoseconds until it shows a stamp.
+/// Real nanoseconds until the clock shows a stamp.
 std::int64_t left_until(StampNs stamp, const std::optional<ClockSetting>& set) {
     if (!set)
         return clock::saturating_sub(stamp, system_now());
@@ -53,7 +53,7 @@ std::int64_t left_until(StampNs stamp, const std::optional<ClockSetting>& set) {
                                                 : kForEver;
 }
 
-/// None: it follows the system's clock.
+/// None: the store uses the system's clock.
 std::optional<ClockSetting> setting_of(const store::Store& store) {
     const auto words = store::Store::ClockWords(store.clock_words).read();
     if (!words)
@@ -65,7 +65,7 @@ std::optional<ClockSetting> setting_of(const store::Store& store) {
         .speed = std::bit_cast<double>(speed),
         .paused = how == store::Store::kPausedClock,
     };
-    // Damaged words set nothing.
+    // Damaged words count as no setting.
     const bool is_set = (how == store::Store::kRunningClock || found.paused) &&
                         clock::is_stamp(found.time) && std::isfinite(found.speed) &&
                         found.speed > 0;
@@ -115,7 +115,7 @@ bool Clock::sleep_until(StampNs stamp, std::optional<std::int64_t> timeout_ns,
     }
 }
 
-/// `change` gets a setting of now, and changes it.
+/// Passes the current setting to `change`, and stores the result.
 template <class Change>
 void Clock::change(Change change) const {
     using Words = store::Store::ClockWords;

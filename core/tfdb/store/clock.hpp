@@ -1,4 +1,4 @@
-// The clock of a store: that of the system, until it is set.
+// The clock of a store: the system's, until it is set.
 #pragma once
 
 #include <cstdint>
@@ -19,18 +19,18 @@ struct Store;
 [[nodiscard]] StampNs now(const Store& store);
 }  // namespace store
 
-/// What a clock was set to.
+/// The last setting of a clock.
 struct ClockSetting {
-    StampNs time = 0;        // what it showed
+    StampNs time = 0;        // the time that it showed
     std::int64_t since = 0;  // at this time of `sync::steady_now`
     double speed = 1.0;      // above 0, finite
     bool paused = false;
 };
 
-/// The time of all processes that have a store open. A setting lies in the store's control file.
+/// The time of all processes that have a store open. The setting lies in the store's control file.
 /// A process that may not write there, or has a frozen store, sees the system's clock.
-/// Threads: any. Guarantee: `now` is wait-free but for settings; `sleep_until` blocks, and so do
-/// settings, as a commit does.
+/// Threads: any. Guarantee: `now` is wait-free except for concurrent settings; `sleep_until`
+/// blocks, and settings block as a commit does.
 class Clock {
 public:
     explicit Clock(std::shared_ptr<store::Store> store) : store_(std::move(store)) {}
@@ -39,13 +39,13 @@ public:
     /// None: it follows the system's clock.
     [[nodiscard]] std::optional<ClockSetting> setting() const;
 
-    /// How often it was set.
+    /// The number of settings so far.
     [[nodiscard]] std::uint64_t settings() const;
 
-    /// Sleeps until it shows the stamp or a later one. False: it did not within the timeout, real
-    /// nanoseconds (none: for ever), or it was set more often than `settings`. Throws BufferClosed
-    /// (`Buffer::end_waits`), NoSuchStore (the store was removed meanwhile), and what an
-    /// Interruption throws.
+    /// Sleeps until the clock shows the stamp or a later one. False: it did not within the timeout,
+    /// real nanoseconds (none: unlimited), or the clock was set more than `settings` times. Throws
+    /// BufferClosed (`Buffer::end_waits`), NoSuchStore (the store was removed meanwhile), and the
+    /// exceptions of an Interruption.
     [[nodiscard]] bool sleep_until(StampNs stamp, std::optional<std::int64_t> timeout_ns,
                                    std::optional<std::uint64_t> settings = std::nullopt) const;
 

@@ -22,7 +22,7 @@ namespace tfdb::store {
     return view.alive(id);
 }
 
-/// Calls visit(id) for each frame of a state while it returns kOk; gives what it returned last.
+/// Calls visit(id) for each frame of a state while it returns kOk; returns its last result.
 template <class Visit>
 [[nodiscard]] lookup::Outcome for_each_frame(const StoreView& view, Visit visit) {
     lookup::Outcome outcome = lookup::Outcome::kOk;
@@ -43,17 +43,17 @@ struct Track {
     bool is_static = false;
 };
 
-/// What an edge is like, in a few figures.
+/// A summary of an edge.
 struct Outline {
     bool is_static = false;
-    bool cleared = false;       // it had samples, and has none since a clear
+    bool cleared = false;       // a clear removed its samples, and none came since
     history::Extent extent;     // a static pose has no stamp
-    FrameId parent = kNoFrame;  // that the newest sample names
-    CommitNumber named = 0;     // in which commit
+    FrameId parent = kNoFrame;  // in the newest sample
+    CommitNumber named = 0;     // commit of that sample
 };
 
-/// Calls visit(sample) in stamp order for the sample of a moving edge at or before `from`, for all
-/// up to `to` and for the one after it, until `visit` returns false. False: overtaken.
+/// Calls visit(sample) for a moving edge: for the sample at or before `from`, for all up to `to`
+/// and for the one after it, until `visit` returns false. False: overtaken.
 template <class Edge, class Visit>
 [[nodiscard]] bool visit_samples(const Edge& edge, StampNs from, StampNs to, Visit visit) {
     if constexpr (requires { edge.visit(from, to, visit); })
@@ -62,8 +62,8 @@ template <class Edge, class Visit>
         return edge.visit(from, to, 0, visit);
 }
 
-/// The outline of what the view retains of an edge. Of a store's edge its cost does not grow with
-/// the samples.
+/// The summary of the edge's retained samples in the view. For a store's edge its cost does not
+/// grow with the number of samples.
 template <lookup::View V>
 [[nodiscard]] lookup::Outcome outline(const V& view, FrameId id, Outline& out) {
     using lookup::Outcome;
@@ -84,7 +84,7 @@ template <lookup::View V>
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
-/// Everything that the view retains of an edge.
+/// All retained samples of an edge in the view.
 template <lookup::View V>
 [[nodiscard]] lookup::Outcome collect_all(const V& view, FrameId id, Track& track) {
     using lookup::Outcome;
@@ -113,8 +113,8 @@ template <lookup::View V>
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
-/// The places of names in their order. Most are told apart by the first bytes behind those that all
-/// have in common.
+/// The indices of names in sorted order. Most names differ in the first bytes after their common
+/// prefix.
 [[nodiscard]] inline std::vector<std::uint32_t> order_of(std::span<const std::string> names) {
     struct Key {
         std::uint64_t bytes;
@@ -145,7 +145,7 @@ template <lookup::View V>
     return order;
 }
 
-/// Fills in an edge's outline; its parent's name is left out. `Info`: FrameInfo or a row of
+/// Fills in an edge's summary, without its parent's name. `Info`: FrameInfo or a row of
 /// TreeColumns.
 template <class Info>
 void fill_from(const Outline& outline, Info& info) {

@@ -1,4 +1,4 @@
-// Commits from the feed, and the states of snapshots, as bytes for other stores: see docs/wire.md.
+// Encodes commits from the feed, and states of snapshots, for other stores: see docs/wire.md.
 #include <algorithm>
 #include <bit>
 #include <string>
@@ -35,13 +35,13 @@ std::uint32_t choice_of(FrameFilter::Only only) {
     return only ? wire::digest_of(*only) : 0;
 }
 
-/// A sample, and where its names and authorities stand in it.
+/// A sample being written, and the indices of its names and authorities.
 /// Threads: one. Guarantee: none.
 class Sample {
 public:
     explicit Sample(const Store& store) : store_(store) { writer.start(); }
 
-    /// The place of a frame's name; `name_of()` gives it where the sample lacks it.
+    /// The index of a frame's name; `name_of()` provides the name if the sample lacks it.
     template <class NameOf>
     [[nodiscard]] std::uint32_t place(FrameId id, NameOf name_of) {
         std::uint32_t place = places_.find(id);
@@ -51,12 +51,12 @@ public:
         }
         return place;
     }
-    /// Another frame has the slot from now on.
+    /// Call when another frame gets the slot.
     void forget(FrameId id) {
         if (places_.find(id) != txn::FramePlaces::kNone)
             places_.set(id, txn::FramePlaces::kNone);
     }
-    /// The place of an authority, by its number in the store.
+    /// The index of an authority, by its number in the store.
     [[nodiscard]] std::uint32_t authority(std::uint64_t number) {
         if (number == 0)
             return 0;
@@ -74,8 +74,8 @@ private:
     std::unordered_map<std::uint64_t, std::uint32_t> authorities_;
 };
 
-/// Adds commits to a sample, each as its net effect.
-/// Threads: one. Guarantee: reads only; kLapped where writers overtook it.
+/// Adds commits to a sample, each by its net effect.
+/// Threads: one. Guarantee: reads only; kLapped if writers overtook it.
 class CommitEncoder {
 public:
     /// For commits after `since`, up to `last`.
@@ -90,7 +90,7 @@ public:
           last_(last),
           before_(since) {}
 
-    /// One that did nothing to the frames that are asked for is left out. Throws Gone.
+    /// Skips a commit that did not touch the requested frames. Throws Gone.
     [[nodiscard]] Outcome add(CommitNumber commit) {
         commit_ = commit;
         whole_ = true;
@@ -146,7 +146,8 @@ private:
             gone_.push_back(id);
             gone_here_.insert(id);
             const bool passed = made_here_.contains(id);
-            // A copy of some frames has others as their parents: it must hear of their removal.
+            // A copy of some frames may have other frames as parents: it needs the removal of
+            // those.
             if (passed && !filter_.contains(name))
                 return;
             (passed ? passing_ : removed_).push_back(sample.place(id, [&] { return name; }));
@@ -162,7 +163,7 @@ private:
         if (!whole_ || (what & FeedNote::kRemoved) != 0 ||
             !filter_.may_contain(id, newest_, commit_))
             return;
-        if (is_gone(id))  // it was made or written, and is no more
+        if (is_gone(id))  // it was created or written, and is gone
             return;
         if ((what & FeedNote::kMade) != 0 && gone_.empty())
             sample.forget(id);
@@ -211,15 +212,15 @@ private:
         }
         return Outcome::kLapped;
     }
-    /// An edge's samples of all commits that are encoded, as the last one's state shows them.
+    /// An edge's samples of all encoded commits, as the last commit's state shows them.
     struct Rows {
         struct Stored {
             CommitNumber commit;
             CommitSample::Row row;
         };
         bool is_static = false;
-        std::vector<Stored> rows;  // by commits, then by stamps
-        std::size_t next = 0;      // of a commit that comes
+        std::vector<Stored> rows;  // ordered by commit, then by stamp
+        std::size_t next = 0;      // of the next commit
     };
     [[nodiscard]] Rows& rows_of(FrameId id) {
         const std::uint32_t place = rows_places_.find(id);
@@ -247,8 +248,8 @@ private:
                                                   const history::SlotData<StoreMemory>& slot) {
         return {std::max<StampNs>(at.stamp, 0), slot.parent, false, slot.payload};
     }
-    /// What the commit stored, where the last commit's state shows all of it. False: later commits
-    /// replaced some, or it is out of the history.
+    /// Takes the commit's samples if the last commit's state shows all of them. False: later
+    /// commits replaced some, or the history no longer has them.
     [[nodiscard]] bool take_rows(FrameId id, std::uint64_t count, CommitSample::Edge& edge) {
         Rows& all = rows_of(id);
         rows_.clear();
@@ -259,8 +260,7 @@ private:
         edge.is_static = all.is_static;
         return rows_.size() == count;
     }
-    /// What the state of the commit shows of what it stored. False: overtaken, or not kept any
-    /// more.
+    /// Reads the commit's samples from its own state. False: overtaken, or no longer kept.
     [[nodiscard]] bool read_rows(FrameId id, std::uint64_t count, CommitSample::Edge& edge) {
         rows_.clear();
         StoreEdge view;
@@ -273,11 +273,11 @@ private:
             return false;
         edge.is_static = view.is_static();
         std::reverse(rows_.begin(), rows_.end());
-        // No reader needs samples that are outside the history, in that state already.
+        // Readers do not need samples that were outside the history in that state.
         const bool may_miss = rows_.empty() || (rows_.size() < count && view.may_miss());
         return view.confirm() && !may_miss;
     }
-    /// Throws Gone where the state of the commit cannot be read any more.
+    /// Throws Gone if the commit's state can no longer be read.
     void check_kept(FrameId id) {
         sync::fence_acquire();
         const auto since = [&](history::HeaderWord w) {
@@ -298,7 +298,7 @@ private:
     const FrameFilter& filter_;
     CommitNumber first_;
     CommitNumber last_;
-    CommitNumber before_;  // that was added last
+    CommitNumber before_;  // the last one added
     CommitNumber commit_ = 0;
     bool whole_ = true;
     std::vector<std::uint32_t> cleared_;
@@ -307,14 +307,14 @@ private:
     std::vector<std::uint32_t> made_;
     std::vector<NotedEdge> edges_;
     std::vector<FrameId> gone_;
-    txn::FrameSet gone_here_;  // the same, where there are some
+    txn::FrameSet gone_here_;  // the same as a set, if there are some
     txn::FrameSet made_here_;
     std::vector<CommitSample::Row> rows_;
     std::vector<Rows> rows_by_edge_;
     txn::FramePlaces rows_places_;
 };
 
-/// The state of a snapshot as a sample: frames in the order of their names.
+/// The state of a snapshot as a sample, with frames ordered by name.
 /// Threads: one. Guarantee: none.
 class StateEncoder {
 public:
@@ -422,7 +422,7 @@ private:
     CommitNumber held_;
     FrameFilter filter_;
     std::uint32_t choice_;
-    std::size_t newest_;  // so many samples of each edge
+    std::size_t newest_;  // at most this many samples per edge
     Epoch epoch_;
     CommitNumber commit_;
     Sample sample_;

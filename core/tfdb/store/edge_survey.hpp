@@ -1,4 +1,4 @@
-// Which edges recorded transforms would make, without a store for their samples.
+// The edges that recorded transforms would create, without a store for their samples.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +13,9 @@
 
 namespace tfdb {
 
-/// The edges that a store with unlimited history has after the same writes. Transforms that it
-/// refuses change nothing.
-/// Threads: one. Guarantee: none of a message that `add` throws for counts, or a part of it.
+/// The edges of a store with unlimited history after the same writes. Refused transforms change
+/// nothing.
+/// Threads: one. Guarantee: if `add` throws, a part of the message may count.
 class EdgeSurvey {
 public:
     struct Edge {
@@ -33,21 +33,21 @@ public:
     /// By child.
     using Edges = std::unordered_map<std::string, Edge, Hash, std::equal_to<>>;
 
-    /// What a store does with a transform.
+    /// A store's treatment of a transform.
     enum class Verdict : std::uint8_t {
         kStored,
         kRefused,
         kStaticConflict,  // refused: the edge has transforms of the other kind
     };
 
-    /// Adds what a store keeps of one message.
+    /// Adds the transforms of one message that a store keeps.
     void add(std::span<const wire::TransformView> members, bool is_static);
     /// Adds one transform if a store keeps it.
     Verdict add(const wire::TransformView& member, bool is_static);
 
     [[nodiscard]] const Edges& edges() const { return edges_; }
-    /// False: an edge had several parents, or edges form a circle. Only a store decides what it
-    /// keeps then.
+    /// False: an edge had several parents, or edges form a cycle. Only a store can then decide what
+    /// it keeps.
     [[nodiscard]] bool is_tree() const;
 
 private:

@@ -1,4 +1,4 @@
-// How a Buffer with another concurrency than `snapshot` reads and writes.
+// The engine of a Buffer with a concurrency other than `snapshot`.
 #pragma once
 
 #include <memory>
@@ -15,9 +15,9 @@ namespace tfdb::store {
 class EngineTransaction;
 class Batch;
 
-/// The engine of one store. Null in its place: the default one, which needs none.
+/// The engine of one store; a null pointer stands for the default engine.
 /// Threads: any; `keep_out` and `let_in` only the holder of the commit lock.
-/// Guarantee: that of the engine's session (txn/); reads and writes here starve no other operation
+/// Guarantee: that of the engine's session (txn/). Its reads and writes starve no other operation
 /// and are not starved: see txn::read_through.
 class Engine {
 public:
@@ -29,16 +29,16 @@ public:
     /// kOk or kFailed. Both answers and failures carry the number of the commit that they saw.
     [[nodiscard]] virtual lookup::Outcome read(Question& question, Answer& answer,
                                                Failure& failure) = 0;
-    /// Throws as commit_batch. False, and nothing was done, where it might have to wait and `wait`
-    /// is false.
+    /// Throws as commit_batch. False, and nothing was done, if it might have to wait and `wait` is
+    /// false.
     [[nodiscard]] virtual bool write(const Batch& batch, bool wait, CommitNumber& commit) = 0;
     /// Begins a transaction; `options` were checked, and `age` is set.
     [[nodiscard]] virtual std::unique_ptr<EngineTransaction> transaction(
         const TransactionOptions& options) = 0;
-    /// From `keep_out` to `let_in` nothing is under way that reads or writes.
+    /// From `keep_out` to `let_in` no read or write is in progress.
     virtual void keep_out() = 0;
     virtual void let_in() = 0;
-    /// Whether an operation is under way beside the holder of the commit lock.
+    /// Whether an operation runs besides the holder of the commit lock.
     [[nodiscard]] virtual bool in_use() const = 0;
     virtual void add_to(Counters& counters) const = 0;
 };

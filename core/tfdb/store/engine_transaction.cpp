@@ -1,4 +1,4 @@
-// In which engine a transaction runs.
+// Creates a transaction in the store's engine.
 #include "tfdb/store/engine_transaction.hpp"
 
 #include "tfdb/store/transaction_in.hpp"

@@ -1,4 +1,4 @@
-// A transaction as its engine runs it: what TransactionLife asks of it.
+// An engine's implementation of a transaction, for TransactionLife.
 #pragma once
 
 #include <cstdint>
@@ -16,8 +16,8 @@
 
 namespace tfdb::store {
 
-/// An open transaction of some engine. All but the destructor and `rollback` may throw Conflict:
-/// it has then ended, and nothing was stored.
+/// An open transaction of some engine. Every call except the destructor and `rollback` may throw
+/// Conflict: the transaction has then ended, and nothing was stored.
 /// Threads: one. Guarantee: that of its engine.
 class EngineTransaction {
 public:
@@ -42,10 +42,10 @@ public:
     [[nodiscard]] virtual FrameInfo frame_info(std::string_view name) = 0;
     [[nodiscard]] virtual std::vector<FrameInfo> tree(std::optional<StampNs> stamp) = 0;
     [[nodiscard]] virtual Samples samples(std::string_view name) = 0;
-    /// The commit that is read.
+    /// The commit whose state it reads.
     [[nodiscard]] virtual CommitNumber read_as_of() = 0;
     [[nodiscard]] virtual std::string frame_name(FrameId id, std::uint32_t generation) const = 0;
-    /// As store::did_you_mean, of the frames that it sees in the state of `commit`.
+    /// As store::did_you_mean, with the frames visible to the transaction in the state of `commit`.
     [[nodiscard]] virtual std::string did_you_mean(std::string_view name,
                                                    CommitNumber commit) const = 0;
 

@@ -16,10 +16,10 @@
 
 namespace tfdb::store {
 
-/// Threads: one. Guarantee: none of it changes between two reads.
+/// Threads: one. Guarantee: immutable between two reads.
 class FeedNotes {
 public:
-    /// False: the feed does not reach back to `first` any more.
+    /// False: the feed no longer contains `first`.
     template <class AnyStore>
     [[nodiscard]] bool read(const AnyStore& store, CommitNumber first, CommitNumber last) {
         first_ = first;
@@ -55,7 +55,8 @@ public:
         }
     }
 
-    /// The name of a frame that was removed in this commit or a later one; null if it was not.
+    /// The name of a frame that was removed in this commit or a later one; null if it was not
+    /// removed.
     [[nodiscard]] const std::string* removed(FrameId id, CommitNumber commit) const {
         const auto found = removals_.find(id);
         if (found == removals_.end())
@@ -67,9 +68,8 @@ public:
         return nullptr;
     }
 
-    /// The name that a frame of a commit had. False: its slot was reused meanwhile, and the removal
-    /// is not among the notes. `newest`: a view of the state that was the newest before they were
-    /// read.
+    /// The name of a commit's frame. False: its slot was reused meanwhile, and the removal is not
+    /// among the notes. `newest`: a view of the newest state before the notes were read.
     [[nodiscard]] bool name_of(const Store& store, const StoreView& newest, FrameId id,
                                CommitNumber commit, std::string& name) const {
         if (const std::string* const found = removed(id, commit)) {
@@ -89,11 +89,11 @@ private:
     CommitNumber first_ = 0;
     std::vector<std::uint64_t> words_;
     std::vector<std::size_t> ends_;
-    std::unordered_map<FrameId, std::vector<Removal>> removals_;  // in their order
+    std::unordered_map<FrameId, std::vector<Removal>> removals_;  // in order of removal
 };
 
-/// The frames that a caller asks for, by name.
-/// Threads: one. Guarantee: none of it changes.
+/// The requested frames, by name.
+/// Threads: one. Guarantee: immutable.
 class FrameFilter {
 public:
     using Only = std::optional<std::span<const std::string_view>>;
@@ -101,8 +101,8 @@ public:
     FrameFilter(const Store& store, CommitNumber newest, Only only);
 
     [[nodiscard]] bool is_for_all() const { return !only_; }
-    /// By the frame's id in a state: false for one that is surely not asked for. A frame that is
-    /// not in that state any more is judged by its name.
+    /// Checks a frame's id in a state: false if the frame is certainly not requested. A frame that
+    /// has left the state is checked by its name.
     [[nodiscard]] bool may_contain(FrameId id, const StoreView& newest, CommitNumber commit) const {
         return !only_ || ids_.contains(id) || !newest.alive_since(id, commit);
     }
@@ -116,8 +116,8 @@ private:
     std::unordered_set<FrameId> ids_;
 };
 
-/// The samples that one commit stored of an edge, at most `count` of them, those of the greatest
-/// stamp first: visit(sample, slot). False: overtaken.
+/// The samples that one commit stored in an edge, at most `count`, greatest stamps first:
+/// visit(sample, slot). False: overtaken.
 template <class Visit>
 [[nodiscard]] bool visit_stored(const StoreEdge& edge, CommitNumber commit, std::uint64_t count,
                                 Visit visit) {
@@ -133,10 +133,9 @@ template <class Visit>
 
 [[noreturn]] void throw_lapped(const Store& store, CommitNumber since);
 
-/// Reads the notes of commits after `since`, of more and more of them, until `use(last)` returns
-/// kOk for those up to that one, or they are all up to `newest`. The names of frames that were
-/// removed later are found with more notes. `least`: how many commits are wanted. Throws
-/// FeedLapped.
+/// Reads the notes of commits after `since`, of ever more commits, until `use(last)` returns kOk
+/// for those up to `last`, or all up to `newest` are read. Names of frames that were removed later
+/// need more notes. `least`: the number of commits wanted. Throws FeedLapped.
 template <class Use>
 [[nodiscard]] lookup::Outcome read_notes(const Store& store, FeedNotes& notes, CommitNumber since,
                                          CommitNumber newest, std::uint64_t least, Use use) {
@@ -150,8 +149,8 @@ template <class Use>
     }
 }
 
-/// Throws where the store keeps no feed: NotSupported. False: it is frozen and has no commits to
-/// come.
+/// Throws NotSupported if the store keeps no feed. False: the store is frozen and will have no
+/// commits.
 [[nodiscard]] bool has_feed(const Store& store);
 [[noreturn]] void throw_future_commit(CommitNumber since, CommitNumber newest);
 

@@ -1,4 +1,4 @@
-// How many samples a store with a limited history no longer has of what was written to it.
+// Counts the samples written to a store that its limited history no longer has.
 #pragma once
 
 #include <cstdint>
@@ -12,17 +12,17 @@
 
 namespace tfdb {
 
-/// Counts the samples of moving edges that a history forgets, from their stamps in the order of
-/// writing. Repeats of a stamp that is still retained count once. Its memory grows with the samples
-/// that the history retains, not with those that it forgets.
-/// Threads: one. Guarantee: none is counted where memory runs out.
+/// Counts the evicted samples of moving edges, from their stamps in write order. Repeats of a
+/// retained stamp count once. Its memory grows with the retained samples, not with the evicted
+/// ones.
+/// Threads: one. Guarantee: a sample is not counted if memory runs out.
 class Forgotten {
 public:
     explicit Forgotten(clock::StampNs history) : history_(history) {}
 
-    /// A sample was stored.
+    /// Call after a sample was stored.
     void stored(std::string_view child, clock::StampNs stamp);
-    /// A sample was refused with TooOld.
+    /// Call after a sample was refused with TooOld.
     void refused() { ++count_; }
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
@@ -34,7 +34,7 @@ private:
             return std::hash<std::string_view>{}(name);
         }
     };
-    /// Sorted, each once.
+    /// Sorted, without duplicates.
     using Stamps = std::deque<clock::StampNs>;
 
     clock::StampNs history_;

@@ -21,19 +21,19 @@ using lookup::Outcome;
 using Segment = history::Segment<StoreMemory>;
 using Directory = history::Directory<StoreMemory>;
 
-/// All segments but the last of an edge have so many samples.
+/// All segments of an edge but the last one have this many samples.
 constexpr std::uint64_t kFull = std::uint64_t{1} << history::Tuning<StoreMemory>::kLargestLog2;
 
-/// Text in the region: its length, then its bytes.
+/// Size of a text in the region: its length, then its bytes.
 std::size_t text_bytes(std::size_t size) {
     return 8 + memory::round_up(size, 8);
 }
 
-/// A segment as it is to lie in the file.
+/// A segment as it will lie in the file.
 /// Threads: one. Guarantee: none.
 class SegmentImage {
 public:
-    /// Of at most `capacity` samples; slots that stay empty at its end are left out.
+    /// Starts a segment of at most `capacity` samples; unused slots at its end are not written.
     void start(std::uint64_t capacity) {
         log2_ = static_cast<unsigned>(std::bit_width(capacity - 1));
         words_.assign((memory::kLineBytes + memory::round_up(std::size_t{8} << log2_, 64)) / 8, 0);
@@ -76,12 +76,12 @@ struct Found {
     std::string name;
     std::uint64_t late = 0;
     std::string authority;
-    std::uint64_t samples = 0;  // those of its edge
+    std::uint64_t samples = 0;  // number of its edge's samples
     bool cleared = false;
 };
 
-/// Writes a state: in front all that is looked up, in a region of memory first, then samples, edge
-/// by edge. What is in front knows how much it is before the first sample is read.
+/// Writes a state: first the words for lookups, built in a region in memory, then the samples, edge
+/// by edge. The size of the first part is known before the first sample is read.
 /// Threads: one. Guarantee: none.
 class Freezer {
 public:
@@ -112,7 +112,7 @@ public:
     }
 
 private:
-    /// Reads of the state; throws SnapshotTooOld.
+    /// Reads the state; throws SnapshotTooOld.
     template <class Attempt>
     void read(Attempt attempt) const {
         may_end();
@@ -180,7 +180,7 @@ private:
             if (frame.samples > kFull)
                 put_directory(frames, id, (frame.samples - 1) / kFull);
         }
-        // The last slot has no frame: samples of a parent that was removed name it.
+        // The last slot has no frame: samples whose parent was removed name it.
         frames.make(removed(), 0, 0);
         frames.seal(removed());
     }
@@ -195,7 +195,7 @@ private:
     }
 
     [[nodiscard]] FrameId removed() const { return static_cast<FrameId>(found_.size()); }
-    /// The frame that a sample names.
+    /// The id in the file of the frame that a sample names.
     [[nodiscard]] FrameId place_of(FrameId parent, CommitNumber commit) {
         const auto place = places_.find(parent);
         if (place != places_.end() && found_[place->second].born <= commit)
@@ -255,7 +255,7 @@ private:
         StampNs stamp;
         history::SlotData<StoreMemory> data;
     };
-    /// The next samples of an edge.
+    /// Collects the next samples of an edge.
     void collect(FrameId id, StampNs after, std::uint64_t count) {
         read([&](const StoreView& view) {
             samples_.clear();
@@ -281,10 +281,10 @@ private:
     const Store& store_;
     CommitNumber held_;
     StoreMemory front_;
-    Offset at_ = 0;  // behind what was written so far
+    Offset at_ = 0;  // end of the written part
     std::vector<Found> found_;
-    std::unordered_map<FrameId, FrameId> places_;  // where each of the state's frames goes
-    bool names_removed_ = false;                   // some sample names a frame that is gone
+    std::unordered_map<FrameId, FrameId> places_;  // new id of each frame of the state
+    bool names_removed_ = false;                   // some sample names a removed frame
     std::vector<Sample> samples_;
     SegmentImage image_;
     std::vector<std::uint32_t> depths_;

@@ -1,4 +1,4 @@
-// One committed state into a file: a frozen store.
+// Writes one committed state into a file: a frozen store.
 #pragma once
 
 #include <string>
@@ -8,12 +8,12 @@
 
 namespace tfdb::store {
 
-/// Writes what state `held`, of which a snapshot is held, shows. Throws SnapshotTooOld,
-/// CapacityExceeded, NoSuchStore, StoreExists, ReadOnly; nothing is then left of the file.
+/// Writes the state `held`, which a snapshot must hold. Throws SnapshotTooOld, CapacityExceeded,
+/// NoSuchStore, StoreExists, ReadOnly, and then leaves no file.
 void freeze(const Store& store, CommitNumber held, const std::string& path, std::string_view origin,
             bool in_place);
 
-/// The text that a frozen store was given.
+/// The text passed to `freeze`.
 [[nodiscard]] std::string origin(const Store& store);
 
 }  // namespace tfdb::store

@@ -1,4 +1,4 @@
-// Looking at frames and their samples.
+// Inspection of frames and their samples.
 #include <algorithm>
 #include <unordered_map>
 #include <utility>
@@ -14,7 +14,7 @@ using lookup::Outcome;
 
 namespace {
 
-/// Whether a frame that looks missing in this state may have lived in it.
+/// Whether a frame that is missing in this state may have existed in it: its slot may be reused.
 bool may_be_reused(const store::Store& store, const StoreView& view) {
     return store::unless_reused(store, view.commit(), Outcome::kFailed) == Outcome::kLapped;
 }
@@ -104,7 +104,7 @@ void read_frame(const store::Store& store, CommitNumber held, std::string_view n
         store::throw_unknown_frame(name, at, store::did_you_mean(store, at, name));
 }
 
-/// By id the result of lookup::parent_at, of each frame once.
+/// The result of lookup::parent_at for each frame, by id.
 Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& parents) {
     std::vector<lookup::NearestParent> nearest(view.frame_count());
     const Outcome outcome = store::for_each_frame(view, [&](FrameId id) {
@@ -112,7 +112,7 @@ Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& 
                                    : Outcome::kOk;
     });
     std::vector<FrameId> first(nearest.size(),
-                               kNoFrame);  // the frame whose walk came by here first
+                               kNoFrame);  // the frame whose walk visited this one first
     const auto above = [&](FrameId id) {
         return nearest[id].parent < nearest.size() ? nearest[id].parent : kNoFrame;
     };
@@ -122,7 +122,7 @@ Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& 
             first[at] = id;
         if (at == kNoFrame || first[at] != id)
             continue;
-        for (FrameId next = above(at); next != kNoFrame;) {  // a circle: once around
+        for (FrameId next = above(at); next != kNoFrame;) {  // a cycle: walk it once
             const FrameId after = above(next);
             if (nearest[next].later)
                 nearest[next].parent = kNoFrame;
@@ -135,7 +135,7 @@ Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& 
     return outcome;
 }
 
-/// All frames of a state on their way to TreeColumns.
+/// Collects all frames of a state for TreeColumns.
 /// Threads: one. Guarantee: each attempt to read starts anew.
 class Listing {
 public:
@@ -165,10 +165,10 @@ public:
         return found == Outcome::kOk ? listed : found;
     }
 
-    /// Sorted by name, with places for parents.
+    /// Sorted by name, with parents as row indices.
     [[nodiscard]] TreeColumns sorted() {
         const std::vector<std::uint32_t> order = store::order_of(all_.names);
-        std::vector<std::uint32_t> places;  // by id
+        std::vector<std::uint32_t> places;  // row indices by id
         TreeColumns sorted;
         sorted.authorities = std::move(all_.authorities);
         sorted.names.reserve(order.size());
@@ -186,7 +186,7 @@ public:
     }
 
 private:
-    /// All but the name; the parent is an id, or kNoFrame.
+    /// Fills in all but the name; the parent is an id, or kNoFrame.
     Outcome look_at(const StoreView& view, FrameId id, TreeColumns::Row& row) {
         store::Outline outline;
         const Outcome outcome = store::outline(view, id, outline);
@@ -214,9 +214,9 @@ private:
     }
 
     const store::Store& store_;
-    TreeColumns all_;                                               // in the order of ids
+    TreeColumns all_;                                               // in order of ids
     std::vector<FrameId> ids_;                                      // of its rows, ascending
-    std::unordered_map<std::uint64_t, std::uint32_t> authorities_;  // places, by number
+    std::unordered_map<std::uint64_t, std::uint32_t> authorities_;  // indices by number
 };
 
 }  // namespace
@@ -288,7 +288,7 @@ Samples Reads::samples(std::string_view name) const {
         if (track.is_static)
             out.stamps.assign(1, -1);
         out.poses = std::move(track.poses);
-        std::string parent;  // samples in a row mostly have the same
+        std::string parent;  // consecutive samples mostly have the same parent
         FrameId read = kNoFrame;
         for (std::size_t i = 0; i < track.parents.size(); ++i) {
             const bool known = view.alive_since(track.parents[i], track.commits[i]);

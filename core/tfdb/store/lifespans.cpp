@@ -11,7 +11,7 @@ bool store::matches(std::string_view pattern, std::string_view name) {
     std::size_t in_pattern = 0;
     std::size_t in_name = 0;
     std::size_t star = std::string_view::npos;
-    std::size_t behind_star = 0;  // where the name goes on behind what the star stands for
+    std::size_t behind_star = 0;  // where the name continues after the text matched by the star
     while (in_name < name.size()) {
         if (in_pattern < pattern.size() && pattern[in_pattern] == '*') {
             star = in_pattern++;
@@ -62,7 +62,8 @@ bool store::Lifespans::same_as(std::span<const Lifespan> all) const {
 
 void Buffer::enforce(std::span<const Lifespan> lifespans) {
     const store::Lifespans* chosen = nullptr;
-    // What was enforced once is kept: it may be in use, and programs expect the same again.
+    // Lifespans are kept for the life of the store: they may be in use, and programs tend to repeat
+    // them.
     auto& so_far = store_->lifespans_so_far;
     if (!lifespans.empty()) {
         const auto known = std::ranges::find_if(

@@ -1,4 +1,4 @@
-// For how long the newest sample of an edge answers lookups.
+// How long the newest sample of an edge answers lookups.
 #pragma once
 
 #include <cstddef>
@@ -12,16 +12,16 @@
 
 namespace tfdb::store {
 
-/// Whether a name is that of a pattern, in which `*` stands for any text.
+/// Whether a name matches a pattern, in which `*` stands for any text.
 [[nodiscard]] bool matches(std::string_view pattern, std::string_view name);
 
 /// The lifespans that one process enforces in a store, by the names of an edge's frames.
-/// Threads: any; it does not change. Guarantee: wait-free but for memory.
+/// Threads: any; it is immutable. Guarantee: wait-free except for memory.
 class Lifespans {
 public:
     explicit Lifespans(std::span<const Lifespan> all);
 
-    /// That of an edge: the first in their order that matches; null: none.
+    /// The lifespan of an edge: the first match in order; null: none.
     [[nodiscard]] const Lifespan* of(std::string_view parent, std::string_view child) const;
     [[nodiscard]] bool same_as(std::span<const Lifespan> all) const;
 

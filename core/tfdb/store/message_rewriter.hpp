@@ -1,4 +1,4 @@
-// Recorded messages into another recording: chosen, renamed, in another encoding.
+// Rewrites recorded messages for another recording: selects, renames, re-encodes.
 #pragma once
 
 #include <cstddef>
@@ -16,12 +16,12 @@
 
 namespace tfdb {
 
-/// Writes TFMessages again, and counts what becomes of them. A message that stays as it is keeps
-/// its bytes. A member without a stamp or name that a message can have costs only itself. Threads:
-/// one. Guarantee: a message for which `rewrite` throws counts in part.
+/// Rewrites TFMessages and counts the results. An unchanged message keeps its bytes. A member with
+/// a stamp or name that no message can have affects only itself.
+/// Threads: one. Guarantee: if `rewrite` throws, the message may be partly counted.
 class MessageRewriter {
 public:
-    /// Where a message comes from.
+    /// The source of a message.
     struct Origin {
         wire::Encoding encoding;
         bool is_static;
@@ -29,7 +29,7 @@ public:
         /// For `Selection::apply`.
         std::uint32_t rule;
     };
-    /// What was refused of one edge with one error, or of messages as a whole.
+    /// Members of one edge refused with one error, or messages refused as a whole.
     struct Refusal {
         std::string edge;
         ErrorCode code;
@@ -39,21 +39,21 @@ public:
     };
     struct Counts {
         std::uint64_t messages = 0;    // written
-        std::uint64_t transforms = 0;  // in these
-        std::uint64_t refused = 0;     // members of messages of which others were not refused
-        std::uint64_t broken = 0;      // messages of which nothing can be written
-        std::uint64_t left_out = 0;    // messages of which the selection left nothing
+        std::uint64_t transforms = 0;  // in written messages
+        std::uint64_t refused = 0;     // refused members of messages that were written
+        std::uint64_t broken = 0;      // messages that could not be written
+        std::uint64_t left_out = 0;    // messages emptied by the selection
     };
 
     explicit MessageRewriter(wire::Encoding to) : to_(to) {}
 
-    /// Returns the message to be written: its own bytes, or some that are valid until the next
-    /// call. Without data where none is to be written. Without a selection everything is kept.
+    /// Returns the message to write: its own bytes, or bytes valid until the next call. Empty if no
+    /// message is to be written. Without a selection all members are kept.
     std::span<const std::byte> rewrite(std::span<const std::byte> message, const Origin& from,
                                        wire::Selection* selection);
 
     [[nodiscard]] const Counts& counts() const { return counts_; }
-    /// In the order of the first of each.
+    /// In order of first occurrence.
     [[nodiscard]] const std::vector<Refusal>& refusals() const { return refusals_; }
 
 private:
@@ -74,7 +74,7 @@ private:
     wire::Encoding to_;
     Counts counts_;
     std::vector<wire::TransformView> members_;
-    std::vector<Fault> faults_;  // of the message that is rewritten
+    std::vector<Fault> faults_;  // of the current message
     std::vector<std::byte> out_;
     std::vector<Refusal> refusals_;
     std::map<std::tuple<std::string, ErrorCode, bool>, std::size_t> places_;

@@ -1,5 +1,5 @@
-// The whole store as one would write it on a napkin: a list of samples for each frame, and a search
-// through it for every question. For tests only: it judges what the real one answers.
+// A simple model of the whole store: a list of samples per frame, and a linear search for every
+// question. For tests only: it checks the store's answers.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,7 @@ struct Member {
     Pose pose;
 };
 
-/// How one edge of a path is used; stamps are -1 for a static edge.
+/// The samples used on one edge of a path; stamps are -1 for a static edge.
 struct Use {
     std::string child, parent;
     Used used;
@@ -44,25 +44,24 @@ struct Use {
 
 struct Reply {
     std::optional<ErrorCode> error;
-    ErrorDetail detail;  // of an error: what a lookup says of it
+    ErrorDetail detail;  // the expected fields of a lookup's error
     Pose pose = geometry::identity();
     StampNs stamp = 0;
     std::vector<Use> edges;
 };
 
-/// All commits of a store, and the answers of any of its states.
-/// Threads: one. Guarantee: slow and plain.
+/// All commits of a store, and the answers in any of its states.
+/// Threads: one. Guarantee: slow and simple.
 class Model {
 public:
     explicit Model(std::optional<StampNs> history) : history_(history) {}
 
     [[nodiscard]] std::size_t commit() const { return commit_; }
-    /// What is wrong with single members of the batch, by index. Those that are left out keep no
-    /// stamp from others.
+    /// The faults of single members of the batch, by index. Rejected members do not occupy a stamp.
     [[nodiscard]] std::map<std::size_t, ErrorCode> faults(
         const std::vector<Member>& batch, bool is_static, WriteRules rules = {},
         const std::set<std::size_t>& left_out = {}) const;
-    /// Whether these members, none of them at fault, would together close a cycle.
+    /// Whether these valid members would close a cycle together.
     [[nodiscard]] bool closes_cycle(const std::vector<Member>& batch, bool is_static) const;
     void set(const std::vector<Member>& batch, bool is_static);
     std::optional<ErrorCode> remove(const std::string& name, bool recursive);
@@ -76,24 +75,24 @@ public:
     [[nodiscard]] Reply lookup_latest(std::size_t state, const std::string& target,
                                       const std::string& source, std::optional<StampNs> max_age,
                                       StampNs now) const;
-    /// T[target at its stamp <- source at its stamp], by way of a frame that stays put.
+    /// T[target at its stamp <- source at its stamp], through a frame that does not move.
     [[nodiscard]] Reply lookup_full(std::size_t state, const std::string& target,
                                     std::optional<StampNs> target_stamp, const std::string& source,
                                     std::optional<StampNs> source_stamp, const std::string& fixed,
                                     Policy policy) const;
-    /// Without who wrote and what came late.
+    /// Without the authority and the late count.
     [[nodiscard]] FrameInfo info(std::size_t state, const std::string& name) const;
     [[nodiscard]] tfdb::Samples samples(std::size_t state, const std::string& name) const;
 
-    /// The oldest and the newest stamp that the newest tree's path covers; none without a
-    /// path.
+    /// The oldest and the newest stamp that the newest tree's path covers; empty without a path.
     [[nodiscard]] std::optional<std::pair<StampNs, StampNs>> common_times(
         std::size_t state, const std::string& target, const std::string& source) const;
-    /// Empty for a root; none for an unknown frame. `stamp` none: of the newest sample.
+    /// An empty string for a root; none for an unknown frame. Without `stamp`: the newest sample's
+    /// parent.
     [[nodiscard]] std::optional<std::string> parent_of(std::size_t state, const std::string& name,
                                                        std::optional<StampNs> stamp) const;
 
-    /// Looks at every frame in every state now: questions then change nothing until the next write.
+    /// Computes every frame in every state now: questions then change nothing until the next write.
     void remember() const {
         for (std::size_t frame = 0; frame < frames_.size(); ++frame) {
             for (std::size_t state = 0; state <= commit_; ++state) {
@@ -169,9 +168,9 @@ private:
     std::optional<StampNs> history_;
     std::size_t commit_ = 0;
     std::vector<Frame> frames_;
-    std::vector<std::deque<Sample>> samples_;  // by child, in the order in which they came
+    std::vector<std::deque<Sample>> samples_;  // by child, in order of arrival
     std::vector<std::size_t> clears_;
-    // What `visible` said since the last write.
+    // The results of `visible` since the last write.
     mutable std::map<std::pair<int, std::size_t>, Samples> seen_;
 };
 
@@ -192,7 +191,7 @@ inline int Model::find_or_make(const std::string& name) {
     return static_cast<int>(frames_.size()) - 1;
 }
 
-/// In stamp order, one for each stamp; a static edge has just its newest pose.
+/// In stamp order, one sample per stamp; a static edge has only its newest pose.
 inline const Model::Samples& Model::visible(int frame, std::size_t state) const {
     const auto [at, asked] = seen_.try_emplace({frame, state});
     if (asked)
@@ -212,7 +211,7 @@ inline Model::Samples Model::look_for_visible(int frame, std::size_t state) cons
     for (const Sample& s : samples_[static_cast<std::size_t>(frame)]) {
         if (s.commit > state)
             break;
-        // An edge that changes its kind starts anew.
+        // An edge that changes its kind starts empty.
         if (!by_stamp.empty() && by_stamp.begin()->second->is_static != s.is_static)
             by_stamp.clear();
         if (s.is_static) {
@@ -401,7 +400,7 @@ inline ErrorDetail Model::blame(int frame, const Choice& c, StampNs stamp, Polic
     return detail;
 }
 
-/// The first frame of `a` that `b` has too.
+/// The first frame of `a` that is also in `b`.
 inline int Model::meet(const std::vector<int>& a, const std::vector<int>& b) {
     for (const int x : a) {
         if (std::find(b.begin(), b.end(), x) != b.end())
@@ -486,7 +485,7 @@ inline Reply Model::lookup(std::size_t state, const std::string& target, const s
     if (!stamp && !latest) {
         stamp = common_time(state, t, s);
         if (!stamp)
-            policy = {PolicyKind::kLatest, 0};  // which finds the frames in two trees
+            policy = {PolicyKind::kLatest, 0};  // kLatest finds the frames in two trees
     }
     reply.stamp = latest ? -1 : stamp.value_or(-1);
     const StampNs at = stamp.value_or(0);
@@ -589,7 +588,7 @@ inline std::vector<std::string> Model::frames(std::size_t state) const {
     return names;
 }
 
-/// From each sample to the next one its parent holds; a static edge's holds for all time.
+/// A sample's parent holds until the next sample; a static edge's parent always holds.
 inline int Model::held_parent(const Samples& samples, StampNs stamp, std::size_t state) const {
     int parent = kNone;
     for (const Sample* s : samples) {

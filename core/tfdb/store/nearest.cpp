@@ -19,8 +19,8 @@ char lower(char c) {
     return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
 }
 
-/// How many letters one would have to insert, remove, replace or swap with the next: the distance
-/// of optimal string alignment, Levenshtein's with swaps.
+/// Optimal string alignment distance: the number of letters to insert, remove, replace or swap with
+/// the next one.
 std::size_t distance(std::string_view one, std::string_view other) {
     std::vector<std::size_t> row(other.size() + 1);
     std::vector<std::size_t> last = row;
@@ -47,7 +47,7 @@ bool is_prefixed(std::string_view longer, std::string_view name) {
            longer[longer.size() - name.size() - 1] == '/';
 }
 
-/// The distance of two names; more than `most` where they are not near.
+/// The distance of two names; more than `most` if they are not near.
 std::size_t distance_of(std::string_view name, std::string_view other, std::size_t most) {
     if (is_prefixed(other, name) || is_prefixed(name, other))
         return 1;
@@ -89,7 +89,8 @@ std::string store::did_you_mean(const Store& store, CommitNumber commit, std::st
         std::string other(store.names.name(id));
         sync::fence_acquire();
         if (view.alive(id) &&
-            !removed.contains(id))  // else its slot may have been reused before its name was read
+            // otherwise its slot may have been reused before its name was read
+            !removed.contains(id))
             known.push_back(std::move(other));
     }
     std::string text;

@@ -1,4 +1,4 @@
-// Which frames may have been meant by a name that no frame has.
+// Suggests frames for an unknown name.
 #pragma once
 
 #include <string>
@@ -10,14 +10,14 @@
 
 namespace tfdb::store {
 
-/// At most three of the names that are near to one, the nearest first: few letters are missing,
-/// wrong, swapped or too many, whatever their case, or a prefix such as `robot1/` is.
+/// At most three names similar to one, the nearest first. Similar names differ, ignoring case, in a
+/// few missing, wrong, swapped or additional letters, or by a prefix such as `robot1/`.
 [[nodiscard]] std::vector<std::string> nearest(std::string_view name,
                                                std::vector<std::string> known);
 
-/// "; did you mean 'base_link'?" of the frames of a commit, without those that are `removed`, and
-/// with the names in `made`. Empty where nothing is near, and where there are so many frames that
-/// looking would take long: this is for messages of errors.
+/// "; did you mean 'base_link'?" with the frames of a commit, without `removed`, and with the names
+/// in `made`. Empty if no name is near, or if there are so many frames that the search would take
+/// long: this is for error messages.
 [[nodiscard]] std::string did_you_mean(const Store& store, CommitNumber commit,
                                        std::string_view name,
                                        const std::unordered_set<FrameId>& removed = {},

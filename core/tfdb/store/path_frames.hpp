@@ -1,4 +1,4 @@
-// The frames on which answers about a path depend: what waits and watches look at.
+// The frames on which answers about a path depend: waits and watches look at them.
 #pragma once
 
 #include <bit>
@@ -10,23 +10,23 @@
 
 namespace tfdb::store {
 
-/// What is looked at beside frames. No frame has these numbers.
-inline constexpr FrameId kBirths = kNoFrame;       // frames that are not there yet
+/// Special ids that waits can look at. No frame has these numbers.
+inline constexpr FrameId kBirths = kNoFrame;       // frames that do not exist yet
 inline constexpr FrameId kCommits = kNoFrame + 1;  // every commit
 
-/// A frame of a state and all above it by their newest parents, up to the root.
+/// A frame of a state and its ancestors by newest parents, up to the root.
 struct Chain {
     std::vector<FrameId> frames;
-    /// So many of them, from the first on, have samples of one parent; that of others depends on
-    /// the stamp.
+    /// The number of frames at the start whose samples name one parent; the parents of the others
+    /// depend on the stamp.
     std::size_t sure = 0;
 };
 
-/// False: the state can be read no more.
+/// False: the state can no longer be read.
 template <class View>
 [[nodiscard]] bool climb(const View& view, FrameId from, Chain& chain) {
     using history::SlotWord;
-    // A circle comes by its mark again, which is set anew after 1, 2, 4 ... steps.
+    // A cycle reaches its mark again; the mark moves after 1, 2, 4 ... steps.
     FrameId mark = kNoFrame;
     FrameId at = from;
     bool sure = true;
@@ -46,7 +46,7 @@ template <class View>
             return false;
         const bool hangs =
             newest && view.alive_since(SlotWord::parent(slot), SlotWord::commit(slot));
-        // Or is the parent's slot another frame's by now?
+        // Alternatively, another frame may have the parent's slot by now.
         if (newest && !hangs) {
             View::Memory::fence_acquire();
             if (view.frames().store_word(graph::kRecycleFloor).load_relaxed() > view.commit())
@@ -59,9 +59,9 @@ template <class View>
     return true;
 }
 
-/// The frames whose edges are the path between two frames of a state: those below where both chains
-/// meet, or both chains where they do not. Of a frame and itself: that frame. Where it depends on
-/// the stamp: kCommits. False: the state can be read no more.
+/// The frames whose edges form the path between two frames of a state: those below the meeting
+/// point of both chains, or both chains if they do not meet. For a frame and itself: that frame. If
+/// the path depends on the stamp: kCommits. False: the state can no longer be read.
 template <class View>
 [[nodiscard]] bool find_path(const View& view, FrameId target, FrameId source,
                              std::vector<FrameId>& frames) {

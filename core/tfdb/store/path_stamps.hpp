@@ -20,7 +20,7 @@ template <lookup::View V>
     using lookup::Outcome;
     stamps.clear();
     Answer answer;
-    // Walks the newest tree, and leaves the chains in the answer.
+    // Walks the newest tree, and keeps the chains in the answer.
     const Outcome walked = lookup::latest_common_path(view, target, source, answer, failure);
     if (walked != Outcome::kOk || target == source)
         return walked;
@@ -33,7 +33,7 @@ template <lookup::View V>
             may_end();
             typename V::Edge edge;
             if (!view.open((*chain)[i], edge) || edge.empty())
-                return Outcome::kLapped;  // the walk found a parent: the slot was reused
+                return Outcome::kLapped;  // the walk found a parent, so the slot was reused
             if (edge.is_static())
                 continue;
             of_edge.clear();
@@ -41,12 +41,12 @@ template <lookup::View V>
                 of_edge.push_back(sample.stamp);
                 return true;
             });
-            // A damaged edge may have a newest sample that no walk finds.
+            // A damaged edge may have a newest sample that a visit does not find.
             if (!whole || !edge.confirm() || of_edge.empty())
                 return Outcome::kLapped;
             first = std::max(first, of_edge.front());
             last = std::min(last, of_edge.back());
-            // Edges of one publisher mostly have the same stamps.
+            // Edges of one publisher mostly have equal stamps.
             if (stamps != of_edge) {
                 merged.clear();
                 std::ranges::set_union(stamps, of_edge, std::back_inserter(merged));

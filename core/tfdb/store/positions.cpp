@@ -92,7 +92,7 @@ std::optional<Position> Positions::position(Record record) const {
         found.commit = load(record, slot + kCommit);
         found.choice = load(record, slot + kChoice);
         sync::fence_acquire();
-        // A writer takes the slot only once the other one counts.
+        // A writer takes this slot only once the other slot counts.
         if (load(record, slot + kValidFrom) != from)
             continue;
         found.source = source(record);

@@ -1,4 +1,4 @@
-// What a lookup asks, of any state of a store.
+// A lookup's arguments, for any state of a store.
 #pragma once
 
 #include <cstdint>
@@ -18,26 +18,26 @@ using lookup::Failure;
 using lookup::FrameHandle;
 using lookup::Policy;
 
-/// A frame by its name, by a handle, or both: the handle then saves the search for the name, as
-/// long as it means the frame of that name in the state that is read. Without a name, a handle
-/// whose frame is gone means no frame.
+/// A frame by its name, by a handle, or both. The handle saves the name lookup while it refers to
+/// the frame of that name in the state that is read. Without a name, a handle whose frame is gone
+/// refers to no frame.
 struct FrameRef {
     std::string_view name{};
     FrameHandle handle{};
 };
 
-/// One lookup. Names and answer are of one state; afterwards the handles of what was named by name
-/// are those of that state.
+/// One lookup. Names and answer belong to one state; afterwards the handles of named frames are
+/// those of that state.
 struct Question {
     enum Kind : std::uint8_t {
         kAt,          // T[target<-source] at `stamp`, none: the latest common time
         kCan,         // whether kAt has an answer
-        kFull,        // T[target at stamp <- source at source_stamp] by way of `fixed`
-        kLatest,      // from each edge's newest sample, none older than now - max_age
+        kFull,        // T[target at stamp <- source at source_stamp] through `fixed`
+        kLatest,      // from each edge's newest sample; none may be older than now - max_age
         kCommonTime,  // the newest stamp at which the path has data
         kCovered,     // ... and the oldest one
-        kEdge,        // kAt where the edge from `source` to its parent `target` is all of the path
-        kOwnEdge,  // kEdge to the parent that `source` has at `stamp`, none: in its newest sample
+        kEdge,        // kAt if the edge from `source` to its parent `target` is the whole path
+        kOwnEdge,     // kEdge to the parent of `source` at `stamp`; none: in its newest sample
     };
     Kind kind = kAt;
     FrameRef target{};
@@ -64,25 +64,25 @@ namespace store {
     question.policy = policy;
     return question;
 }
-/// Of frames that were found before: `stamp` none is the latest common time.
+/// For frames that were found before; without `stamp`, at the latest common time.
 [[nodiscard]] inline Question at_stamp(FrameHandle target, FrameHandle source,
                                        std::optional<StampNs> stamp, const Policy& policy) {
     Question question{.target = {.handle = target}, .source = {.handle = source}};
-    // Number by number: a copy as a whole would wait until each of them has been stored.
+    // Field by field: a copy of the whole would wait until each field has been stored.
     if (stamp)
         question.stamp.emplace(*stamp);
     question.policy.kind = policy.kind;
     question.policy.limit = policy.limit;
     return question;
 }
-/// Of the edges of frames, one after another: `source` comes later.
+/// For the edges of frames in turn: `source` is set later.
 [[nodiscard]] inline Question of_edges(std::optional<StampNs> stamp, const Policy& policy) {
     Question question{.kind = Question::kOwnEdge};
     question.stamp = stamp;
     question.policy = policy;
     return question;
 }
-/// For a wait: until the newest stamp at which the path has data is `stamp` or newer.
+/// For a wait until the newest stamp at which the path has data is `stamp` or later.
 [[nodiscard]] inline Question as_new_as(std::string_view target, std::string_view source,
                                         StampNs stamp) {
     Question question = by_name(Question::kCommonTime, target, source);
@@ -116,7 +116,7 @@ namespace store {
     return question;
 }
 
-/// What a Reads or a Transaction answers. Throws the typed error of a failed question.
+/// The answer of a Reads or a Transaction. Throws the typed error of a failed question.
 template <class Asked>
 [[nodiscard]] Answer answer_or_raise(Asked& asked, Question question) {
     Answer answer;
@@ -139,8 +139,7 @@ template <class Asked>
 
 }  // namespace store
 
-/// From the oldest to the newest stamp at which a path has data throughout; none if
-/// `oldest > newest`.
+/// The oldest and newest stamp between which a path always has data; empty if `oldest > newest`.
 struct CommonTimes {
     StampNs oldest = 0;
     StampNs newest = 0;
@@ -153,24 +152,24 @@ namespace store {
 template <class Self>
 class LookupsByName {
 public:
-    /// As `ask(Question&)`, of a question whose handles are not used again.
+    /// As `ask(Question&)`, for a question whose handles are not reused.
     [[nodiscard]] bool ask(Question&& question, Answer& answer, Failure& failure) const {
         return self().ask(question, answer, failure);
     }
-    /// T[target<-source]; `stamp` none: at the latest common time.
+    /// T[target<-source]; without `stamp`, at the latest common time.
     [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
                                           std::optional<StampNs> stamp = std::nullopt,
                                           Policy policy = {}) const {
         return answer_or_raise(self(), at_stamp(target, source, stamp, policy));
     }
-    /// From each edge's newest sample, none older than now - max_age.
+    /// From each edge's newest sample; none may be older than now - max_age.
     [[nodiscard]] Answer lookup_latest_transform(std::string_view target, std::string_view source,
                                                  std::optional<StampNs> max_age = std::nullopt,
                                                  StampNs now = 0) const {
         return answer_or_raise(self(), of_newest(target, source, max_age, now));
     }
-    /// T[target at target_stamp <- source at source_stamp], by way of `fixed`; a stamp that is none
-    /// is the latest common time of its frame and `fixed`.
+    /// T[target at target_stamp <- source at source_stamp], through `fixed`. A missing stamp is the
+    /// latest common time of its frame and `fixed`.
     [[nodiscard]] Answer lookup_transform_full(std::string_view target,
                                                std::optional<StampNs> target_stamp,
                                                std::string_view source,
@@ -179,14 +178,14 @@ public:
         return answer_or_raise(
             self(), by_way_of(fixed, target, target_stamp, source, source_stamp, policy));
     }
-    /// The newest stamp at which every moving edge between two frames has data; 0 if none moves. Of
-    /// a frame and itself, as for tf2: the stamp of its own newest sample.
+    /// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
+    /// For a frame and itself, as in tf2: the stamp of its own newest sample.
     [[nodiscard]] StampNs latest_common_time(std::string_view target,
                                              std::string_view source) const {
         return answer_or_raise(self(), by_name(Question::kCommonTime, target, source)).stamp;
     }
-    /// That and the oldest stamp, of one state: at each stamp from one to the other every edge of
-    /// the newest tree's path has data and the parent that it has there. Both 0 if none moves.
+    /// The latest common time and the oldest stamp, of one state: at each stamp between them every
+    /// edge of the newest tree's path has data and its newest parent. Both are 0 if no edge moves.
     [[nodiscard]] CommonTimes common_times(std::string_view target, std::string_view source) const {
         const Answer answer = answer_or_raise(self(), by_name(Question::kCovered, target, source));
         return {answer.oldest, answer.stamp};

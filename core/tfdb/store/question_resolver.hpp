@@ -1,4 +1,4 @@
-// The answer to a question from one view: names are looked up in the very state that answers.
+// Answers a question from one view: names are looked up in the very state that answers.
 #pragma once
 
 #include "tfdb/lookup/lookup.hpp"
@@ -6,7 +6,7 @@
 
 namespace tfdb::store {
 
-/// Looks frames up in one view, by `find(name)` where a handle does not do.
+/// Looks frames up in one view, by `find(name)` if a handle is missing or outdated.
 /// Threads: one. Guarantee: that of the view.
 template <lookup::View V, class Find>
 class QuestionResolver {
@@ -23,7 +23,7 @@ public:
                              failure.code == ErrorCode::kUnknownFrame;
         if (!missing) [[likely]]
             return outcome;
-        // A frame is gone; its name may have come back.
+        // A frame is gone; a new frame may have its name.
         return look_up(named(question_.target, target), named(question_.source, source),
                        named(question_.fixed, fixed), answer, failure);
     }

@@ -1,4 +1,4 @@
-// From a Failure to the typed error: names looked up, and a message that a person can act on.
+// Converts a Failure to a typed error: looks names up, and writes a message that suggests a fix.
 #include <string>
 
 #include "tfdb/store/nearest.hpp"
@@ -12,19 +12,19 @@ namespace {
 using store::quoted;
 using store::seconds;
 
-/// T[target<-source] of a failed lookup, or of the half of it that failed.
+/// T[target<-source] of a failed lookup, or of its failed half.
 struct Context {
     const Failure& failure;
     std::string_view target;
     std::string_view source;
-    std::string whole;  // of which it is a half
+    std::string whole;  // the whole lookup, if this is a half
     std::string frame;
     std::string other;
     ErrorDetail detail;
 
     [[nodiscard]] std::string path() const { return path_of(target, source) + whole; }
     [[nodiscard]] std::string edge() const { return edge_of(other, frame); }
-    /// " at 12.345678901 s", where a stamp was asked for.
+    /// " at 12.345678901 s", if a stamp was given.
     [[nodiscard]] std::string at() const {
         return failure.stamp < 0 ? std::string() : " at " + seconds(failure.stamp);
     }
@@ -56,7 +56,7 @@ std::string span_of(const Failure& f) {
     throw UnknownFrame(message, std::move(c.detail));
 }
 
-/// Which edge had no data at the stamp, so that the trees are apart there.
+/// The edge without data at the stamp, which separates the trees.
 std::string out_of_range(Context& c, const std::string& child, const std::string& parent) {
     const Failure& f = c.failure;
     if (child.empty())
@@ -68,7 +68,7 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
            span_of(f) + ")" + store::likely_meant(f.stamp, f.oldest, f.newest);
 }
 
-/// Of one frame's edge: it is a root at the stamp.
+/// For one frame's edge: the frame is a root at the stamp.
 [[noreturn]] void raise_no_parent(Context& c) {
     c.detail.frame = c.source;
     c.detail.frames = {std::string(c.source)};
@@ -87,7 +87,7 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
     throw Disconnected(message, std::move(c.detail));
 }
 
-/// An edge that has data at a single stamp, where more would be needed.
+/// For an edge that has data at a single stamp, where two are needed.
 [[noreturn]] void raise_no_data(Context& c) {
     c.detail.reason = "no data";
     const std::string message = c.path() + c.at() + " has no velocity: it has data at one " +

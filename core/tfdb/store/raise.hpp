@@ -12,17 +12,17 @@
 
 namespace tfdb::store {
 
-/// Name of a frame by its id, own frames of a transaction included.
+/// Name of a frame by its id, including own frames of a transaction.
 using NameOf = std::function<std::string(FrameId)>;
 
 [[noreturn]] void throw_conflict(const txn::ReadConflict& conflict, CommitNumber since,
                                  const NameOf& name);
-/// The engine gave the transaction up, or what it reads was overwritten.
+/// The engine aborted the transaction, or its state was overwritten.
 [[noreturn]] void throw_lost(std::string_view reason, CommitNumber since);
 [[noreturn]] void throw_cycle_of(const txn::CommitOutcome& outcome, std::string_view authority,
                                  const NameOf& name);
 
-/// Of a read that names one frame; `hint` ends the message.
+/// For a read that names one frame; `hint` ends the message.
 [[noreturn]] void throw_unknown_frame(std::string_view name, CommitNumber commit,
                                       const std::string& hint);
 
@@ -31,7 +31,8 @@ using NameOf = std::function<std::string(FrameId)>;
 
 /// Name of a frame of a failure.
 using NameOfHandle = std::function<std::string(FrameHandle)>;
-/// The typed error of a failed lookup that was not overtaken; `hint` ends that of an unknown frame.
+/// The typed error of a failed lookup that was not overtaken; `hint` ends the message about an
+/// unknown frame.
 [[noreturn]] void raise_failure(const Failure& failure, const Question& question,
                                 const NameOfHandle& name, const std::string& hint);
 

@@ -68,13 +68,13 @@ bool Reads::is_current(FrameHandle handle) const noexcept {
 }
 
 bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
-    // Only commits that are alone make and remove frames: this one needs no engine.
+    // Only commits that run alone create and remove frames, so this needs no engine.
     const auto attempt = [&](const StoreView& view) {
         out.id = store_->names.find(name, view.commit());
         if (out.id == kNoFrame)
             return Outcome::kFailed;
         out.generation = view.generation(out.id);
-        // The slot may have been reused between the two.
+        // The slot may have been reused between the two reads.
         return view.alive(out.id) ? Outcome::kOk : Outcome::kLapped;
     };
     const Outcome outcome = store::read_committed(*store_, held_, attempt);

@@ -16,7 +16,7 @@
 namespace tfdb::store {
 namespace {
 
-/// A new store begins an epoch of its own: later ones have greater numbers.
+/// A new store begins its own epoch: later stores have greater numbers.
 void begin_life(StoreMemory& memory) {
     const auto word = [&](graph::StoreWord w) -> sync::Word& {
         return memory.word(StoreMemory::root() + 8 * w);
@@ -111,7 +111,7 @@ Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& opti
         join();
 }
 
-/// Says to writers where to see what this process reads.
+/// Publishes where writers find this process's pins.
 void Store::join() {
     note_reads();
     sync::tell_of_forks(*this);
@@ -144,7 +144,7 @@ Store::~Store() {
 
 Waits& Store::waits() const {
     Waits* found = waits_here.load_acquire();
-    // A child leaves those of its parent as they are: their threads are not here.
+    // A child leaves its parent's waits unchanged: their threads do not exist here.
     if (found != nullptr && found->forks() == sync::forks())
         return *found;
     auto made = std::make_unique<Waits>(*this, commit_event);
@@ -215,7 +215,7 @@ void Store::check_writable(const StoreCommit& commit) const {
 bool Store::keeps_too_much() const {
     constexpr std::size_t kKept = history::Tuning<StoreMemory>::kKept;
     const std::size_t replaced = memory.retired_bytes(memory::Line::kReplaced);
-    // Deaths may leave it below zero.
+    // Deaths may leave it negative.
     const auto noted = static_cast<std::int64_t>(word(graph::kHeldBytes).load_relaxed());
     const std::size_t held = static_cast<std::size_t>(std::max<std::int64_t>(noted, 0)) +
                              memory.retired_bytes(memory::Line::kEnded) +
@@ -223,7 +223,7 @@ bool Store::keeps_too_much() const {
     return held > snapshot_memory;
 }
 
-/// Of all processes: `first`, which words of their slots to look at.
+/// Over all processes; `first`: the pin words to read in their slots.
 CommitNumber Store::oldest_pinned(const graph::Pins<StoreMemory>& mine, unsigned first,
                                   CommitNumber newest) const {
     CommitNumber oldest = mine.oldest(newest);
@@ -255,8 +255,8 @@ std::uint64_t Store::begin_epoch() {
     return keeps_too_much() ? epoch : oldest_pinned(read_pins, graph::kPinWords, epoch);
 }
 
-/// Whether it is time to look for the blocks that deaths left unused. As many deaths leave few; to
-/// look for them takes longer than all the rest, and costs the older states that are held.
+/// Whether to sweep for blocks lost by deaths. A few deaths lose few blocks; a sweep takes longer
+/// than anything else, and drops older held states.
 bool Store::must_sweep(std::uint64_t deaths, bool died_in_memory) const {
     constexpr std::uint64_t kDeathsBetweenSweeps = 64;
     const bool many = deaths >= kDeathsBetweenSweeps;
@@ -286,7 +286,7 @@ void Store::repair() noexcept {
             sweep(word(graph::kEpoch).fetch_add(1) + 1);
             shared->control->swept_deaths().store_relaxed(died);
         } catch (const std::bad_alloc&) {
-            // Nothing was freed: one of the next deaths asks again.
+            // Nothing was freed: one of the next deaths tries again
         }
     }
     deaths.store_relaxed(died);
@@ -320,7 +320,7 @@ bool Store::compact() {
         commit.empty_removed();
         commit.evict_all();
     }
-    // Behind all that was taken out of use: a read that is pinned from now on is not overtaken.
+    // After everything was retired: a read pinned from now on is not overtaken.
     const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
     if (oldest_pinned(read_pins, graph::kPinWords, epoch) < epoch)
         return false;

@@ -1,4 +1,4 @@
-// Which commits touched some frames and paths, read from the feed.
+// Finds the commits that touched some frames and paths, from the feed.
 #pragma once
 
 #include <algorithm>
@@ -15,9 +15,9 @@
 
 namespace tfdb::store {
 
-/// Keeps, for each subject of a watch, the frames that it consists of in one state. A commit that
-/// notes one of them touches the subject, which is then found anew in the state behind that commit.
-/// A subject that cannot be found there, or depends on the stamp, consists of every commit.
+/// For each subject of a watch, keeps the frames that it consists of in one state. A commit that
+/// notes one of them touches the subject, whose frames are then recomputed in the state after that
+/// commit. Every commit touches a subject that is missing there or depends on the stamp.
 /// Threads: one at a time. Guarantee: as Watch.
 template <class Store>
 class BasicTouches {
@@ -33,8 +33,8 @@ public:
             subjects_.push_back({{}, Kind::kEvery});
     }
 
-    /// Finds the subjects in the state of a commit, unless nothing was touched between that and
-    /// theirs. Throws InvalidArgument for one that does not exist yet.
+    /// Finds the subjects' frames in the state of a commit, unless no commit touched them between
+    /// that state and theirs. Throws InvalidArgument for a future commit.
     void begin(CommitNumber after) {
         if (const CommitNumber newest = store_.committed(); after > newest)
             throw_future_commit(after, newest);
@@ -50,7 +50,7 @@ public:
             find(place, after);
         from_ = until_ = after;
     }
-    /// What the subjects consist of: sorted, each once.
+    /// All frames of the subjects, sorted, without duplicates.
     [[nodiscard]] const std::vector<FrameId>& frames() {
         if (frames_.empty()) {
             for (const auto& [frame, places] : places_)
@@ -59,14 +59,14 @@ public:
         }
         return frames_;
     }
-    /// The commits after `after`, to `until`, touched none of that.
+    /// The commits after `after`, up to `until`, touched no subject.
     void skip(CommitNumber after, CommitNumber until) {
         if (after <= until_)
             until_ = std::max(until_, until);
     }
-    /// The later commits that touched something, at most `limit` of them. Throws FeedLapped.
+    /// The later commits that touched a subject, at most `limit` of them. Throws FeedLapped.
     [[nodiscard]] std::vector<Touch> read(std::size_t limit) {
-        // After an exception all is found anew.
+        // After an exception everything is recomputed.
         const CommitNumber from = std::exchange(from_, 1);
         const CommitNumber until = std::exchange(until_, 0);
         const CommitNumber newest = store_.committed();
@@ -94,7 +94,7 @@ private:
     using Place = std::uint32_t;
     enum class Kind : std::uint8_t { kFrame, kPair, kEvery };
     struct Subject {
-        std::array<std::string, 2> names;  // of a frame: the first
+        std::array<std::string, 2> names;  // for a frame: only the first
         Kind kind;
         std::vector<FrameId> frames{};
     };
@@ -143,7 +143,7 @@ private:
         subject.frames.swap(frames);
         for (const FrameId frame : frames) {
             const auto found = places_.find(frame);
-            // Where a frame is in both, the older entry goes.
+            // If a frame is in both lists, the older entry is removed.
             found->second.erase(std::find(found->second.begin(), found->second.end(), place));
             if (found->second.empty())
                 places_.erase(found);
@@ -168,7 +168,7 @@ private:
         frames.assign(1, ids[0]);
         return Outcome::kOk;
     }
-    /// The frame of that name in a state. kFailed: it has none.
+    /// The frame of that name in a state. kFailed: missing.
     template <class View>
     [[nodiscard]] Outcome find_named(const View& view, std::string_view name, FrameId& id) const {
         id = store_.names.find(name, view.commit());
@@ -179,12 +179,13 @@ private:
 
     const Store& store_;
     std::vector<Subject> subjects_;
-    std::unordered_map<FrameId, std::vector<Place>> places_;  // none is empty
-    // The subjects are those of these states; no commit after the first of them touched one.
+    std::unordered_map<FrameId, std::vector<Place>> places_;  // no list is empty
+    // The subjects' frames hold in these states: no commit after the first of them touched a
+    // subject.
     CommitNumber from_ = 1;
-    CommitNumber until_ = 0;  // less: of none
+    CommitNumber until_ = 0;  // less than `from_`: none are known
     FeedNotes notes_;
-    std::vector<FrameId> frames_;  // none: to be collected
+    std::vector<FrameId> frames_;  // empty: to be collected
 };
 
 }  // namespace tfdb::store

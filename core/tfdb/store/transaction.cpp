@@ -1,4 +1,4 @@
-// The calls of a transaction. TransactionLife checks thread and stage, the engine answers.
+// The calls of a transaction. TransactionLife checks thread and stage; the engine answers.
 #include "tfdb/store/transaction.hpp"
 
 #include <unordered_map>

@@ -22,37 +22,37 @@ struct TransactionOptions {
     static constexpr unsigned kAgeBits = 60;
 
     /// 0 to kMaxPriority. Above 0 it commits before ordinary writers; in wait-die and wound-wait
-    /// the higher is senior.
+    /// the higher priority is senior.
     unsigned priority = 0;
-    /// From the beginning to the end no other commit: it has no conflicts, and writers wait for it.
+    /// Excludes all other commits from begin to end: it has no conflicts, and writers wait for it.
     bool alone = false;
     /// `age()` of the aborted attempt, so that a restart keeps its seniority. 0: a new one.
     std::uint64_t age = 0;
 };
 
-/// One attempt to read and write as if alone. Reads see one state of the store and, over it, what
-/// the transaction itself has written; writes become visible all at once at `commit`.
-/// Threads: only the one that began it (WrongThread), whose end aborts it; in that thread the
-/// Buffer may not be written meanwhile, nor another transaction begun (TransactionActive).
-/// Guarantee: strictly serializable, in every engine but `fine`. Conflict: another commit came
+/// One attempt to read and write as if alone. Reads see one state of the store, overlaid with the
+/// transaction's own writes; `commit` makes all writes visible at once.
+/// Threads: only the one that began it (WrongThread); the end of that thread aborts it. Meanwhile
+/// that thread must not write to the Buffer or begin another transaction (TransactionActive).
+/// Guarantee: strictly serializable, in every engine except `fine`. Conflict: another commit came
 /// first, nothing was stored and the transaction has ended; run it again.
 class Transaction : public store::LookupsByName<Transaction> {
 public:
-    /// How far it has come.
+    /// The stage of a transaction.
     enum class Stage : std::uint8_t { kNotBegun, kOpen, kCommitted, kAborted, kLost, kRefused };
-    /// It is begun by `begin`.
+    /// Tag: `begin` starts the transaction later.
     struct BeginLater {};
 
     /// Throws InvalidArgument (priority), TransactionActive. Blocks as the engine does.
     explicit Transaction(Buffer& buffer, const TransactionOptions& options = {});
     /// Throws InvalidArgument.
     Transaction(Buffer& buffer, const TransactionOptions& options, BeginLater);
-    /// Aborts what was not committed.
+    /// Aborts an open transaction.
     ~Transaction();
     Transaction(const Transaction&) = delete;
     Transaction& operator=(const Transaction&) = delete;
 
-    /// The calling thread has it from now on. Throws TransactionActive, TransactionClosed,
+    /// Makes the calling thread its owner. Throws TransactionActive, TransactionClosed,
     /// WrongThread. Blocks as the engine does.
     void begin();
 
@@ -71,7 +71,8 @@ public:
     [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
                                                        std::optional<StampNs> stamp = std::nullopt);
     [[nodiscard]] bool has_frame(std::string_view name);
-    /// As in Reads. What names all frames depends on each of them, and on no other being made.
+    /// As in Reads. A listing of all frames depends on each of them, and on the absence of new
+    /// ones.
     template <class Real>
     void transform_points(std::string_view target, std::string_view source, const Real* points,
                           std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
@@ -90,11 +91,11 @@ public:
     [[nodiscard]] Samples samples(std::string_view name);
     /// Throws the typed error of a failed question.
     [[noreturn]] void raise(const Failure& failure, const Question& question) const;
-    /// Name of a frame of an answer of this transaction, its own new frames included.
+    /// Name of a frame in an answer of this transaction, including its own new frames.
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const;
 
-    /// Kept until `commit`. Throws what Buffer::set_transforms throws, but CycleError only at the
-    /// commit; a batch that is refused leaves the transaction as it was.
+    /// Keeps the writes until `commit`. Throws as Buffer::set_transforms, except that CycleError
+    /// comes from the commit. A refused batch leaves the transaction unchanged.
     void set_transforms(std::span<const TransformView> batch, bool is_static,
                         std::string_view authority);
     /// As Buffer::remove_frames, at the commit. Throws UnknownFrame, FrameInUse.
@@ -102,36 +103,36 @@ public:
     void remove_frame(std::string_view name, bool recursive) {
         remove_frames({&name, 1}, recursive);
     }
-    /// As Buffer::clear, at the commit: of the moving samples that the store has then, and of those
-    /// that this transaction has written so far. What it writes afterwards is stored.
+    /// As Buffer::clear, at the commit: it drops the store's moving samples at that time, and those
+    /// that this transaction has written so far. Later writes are stored.
     void clear();
-    /// Gives `child` another parent from `stamp` on (none: a static edge). Without a pose it stays
-    /// where it is: T[parent<-child] at the stamp, as this transaction sees it.
-    /// Throws what the lookup or set_transforms throws.
+    /// Gives `child` another parent from `stamp` on (none: a static edge). Without a pose, its
+    /// current pose is kept: T[parent<-child] at the stamp, as this transaction sees it. Throws as
+    /// the lookup or set_transforms.
     void reparent(std::string_view child, std::string_view parent, std::optional<StampNs> stamp,
                   const std::optional<Pose>& pose, std::string_view authority);
 
     /// Makes the writes visible at once; returns the commit's number (of the state that was read,
     /// if nothing was written). Throws Conflict, CycleError, CapacityExceeded: the transaction has
-    /// then ended and the store is as it was.
+    /// then ended and the store is unchanged.
     CommitNumber commit();
-    /// Leaves nothing behind. Nothing to do where it has ended.
+    /// Discards all writes. Does nothing if the transaction has ended.
     void abort() noexcept;
     [[nodiscard]] Stage stage() const noexcept;
     [[nodiscard]] bool is_open() const noexcept { return stage() == Stage::kOpen; }
-    /// What `commit` returned.
+    /// The return value of `commit`.
     [[nodiscard]] CommitNumber committed() const noexcept;
     /// Whether `committed` is its own commit, not the state that it read.
     [[nodiscard]] bool has_written() const noexcept;
     /// The conflict that aborted it.
     [[nodiscard]] const std::optional<Conflict>& lost_to() const noexcept;
     [[nodiscard]] std::uint64_t age() const noexcept;
-    /// Throws what every use would throw: Forked, WrongThread, TransactionClosed.
+    /// Throws the errors of every use: Forked, WrongThread, TransactionClosed.
     void check() const;
     /// Throws WrongThread.
     void check_thread() const;
 
-    /// Aborts what this thread has open, as its end does: for a thread that will never go on.
+    /// Aborts this thread's open transactions, for a thread that will never continue.
     static void end_thread() noexcept;
 
 private:

@@ -9,8 +9,8 @@ namespace tfdb::store {
 
 namespace {
 
-/// Rolls back what is left when its thread ends.
-/// Threads: its own. Guarantee: waits only for a thread that ends a transaction meanwhile.
+/// Rolls back open transactions when its thread ends.
+/// Threads: its own. Guarantee: waits only for a thread that is ending a transaction.
 struct ThreadEnd {
     ~ThreadEnd() { TransactionLife::end_thread(); }
 };
@@ -19,8 +19,8 @@ constexpr std::uint64_t word_of(Transaction::Stage stage) {
     return static_cast<std::uint64_t>(stage);
 }
 
-/// Beside the stage of an open one: it waits to be committed. An interruption of the wait, in its
-/// own thread, may end it by an exception alone.
+/// A flag besides the stage of an open one: it waits to be committed. Only an exception from an
+/// interruption of the wait, in its own thread, may end it.
 constexpr std::uint64_t kCommitting = 1 << 9;
 constexpr std::uint64_t kBeingCommitted = word_of(Transaction::Stage::kOpen) | kCommitting;
 
@@ -60,7 +60,7 @@ void TransactionLife::begin() {
         if (options.age == 0)
             options.age = store_->ages.fetch_add(1) + 1;
         transaction_ = make_transaction(*store_, options);
-        // What interrupted the wait may have begun another one.
+        // The interruption of the wait may have begun another one.
         if (find(*store_, false)) {
             transaction_->rollback();
             transaction_.reset();
@@ -152,7 +152,7 @@ CommitNumber TransactionLife::commit() {
             }
         });
     } catch (...) {
-        end(Stage::kRefused);  // unless it was lost
+        end(Stage::kRefused);  // unless a conflict aborted it
         throw;
     }
     end(Stage::kCommitted);
@@ -162,7 +162,7 @@ CommitNumber TransactionLife::commit() {
 void TransactionLife::end(Stage how) noexcept {
     std::uint64_t found = word_of(Stage::kOpen);
     if (forks_ != sync::forks()) {
-        // Its thread may be missing here: what it holds in this copy stays as it is.
+        // Its thread may be missing in this process: its locks in this copy stay.
         if (state_.load_relaxed() != found && state_.load_relaxed() < kEnding)
             return;
         (void)store_->whereabouts();
@@ -182,7 +182,7 @@ void TransactionLife::end(Stage how) noexcept {
     transaction_->rollback();
     const bool mine = thread_.load_relaxed() == this_thread();
     state_.store_release(word_of(how));
-    // In another thread's list it stays until that one looks through it.
+    // In another thread's list it stays until that thread sweeps its list.
     if (mine)
         sweep();
 }
@@ -199,7 +199,7 @@ void TransactionLife::drop() noexcept {
         delete this;
 }
 
-/// Takes out of this thread's list what has ended.
+/// Removes ended transactions from this thread's list.
 void TransactionLife::sweep() noexcept {
     for (TransactionLife** at = &head; *at != nullptr;) {
         TransactionLife* const entry = *at;

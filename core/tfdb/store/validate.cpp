@@ -26,7 +26,7 @@ std::string edge_name(const TransformView& transform) {
     return "T[" + quoted(transform.parent) + "<-" + quoted(transform.child) + "]";
 }
 
-/// Whether the bytes are UTF-8: no overlong forms, no surrogates, nothing beyond U+10FFFF.
+/// Whether the bytes are valid UTF-8: no overlong forms, no surrogates, nothing beyond U+10FFFF.
 bool is_utf8(std::string_view text) {
     for (std::size_t i = 0; i < text.size();) {
         const auto byte = [&](std::size_t at) {
@@ -37,7 +37,7 @@ bool is_utf8(std::string_view text) {
             continue;
         if (lead < 0xC2 || lead > 0xF4)
             return false;
-        // Only the second byte's range depends on the lead.
+        // Only the second byte's range depends on the first byte.
         const unsigned low = lead == 0xE0 ? 0xA0 : lead == 0xF0 ? 0x90 : 0x80;
         const unsigned high = lead == 0xED ? 0x9F : lead == 0xF4 ? 0x8F : 0xBF;
         if (byte(i) < low || byte(i) > high)
@@ -74,7 +74,7 @@ const char* name_fault(std::string_view name) noexcept {
             return "has a control character";
         seen |= static_cast<unsigned char>(c);
     }
-    // Any other bytes would make every later listing of the frames fail in Python.
+    // Other bytes would make every later listing of the frames fail in Python.
     return seen < 0x80 || is_utf8(name) ? nullptr : "is not valid UTF-8";
 }
 
@@ -113,7 +113,7 @@ void throw_if(ErrorCode code, const std::string& message, ErrorDetail& detail) {
         throw ErrorOf<Code>(message, std::move(detail));
 }
 
-/// With the class that belongs to the code: those that a write may be refused with.
+/// Throws the class of the code: one of the errors with which a write may be refused.
 [[noreturn]] void throw_typed(ErrorCode code, const std::string& message, ErrorDetail detail) {
     throw_if<ErrorCode::kInvalidTransform>(code, message, detail);
     throw_if<ErrorCode::kInvalidStamp>(code, message, detail);

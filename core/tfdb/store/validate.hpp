@@ -1,4 +1,4 @@
-// The conditions of a write, and the errors of those that it breaks.
+// The conditions of a write, and the errors of their violations.
 #pragma once
 
 #include <cmath>
@@ -13,7 +13,7 @@
 
 namespace tfdb::store {
 
-/// What is wrong with a member of a batch; none if it may be stored.
+/// Why a member of a batch is invalid; none if it can be stored.
 using Fault = std::optional<Error>;
 
 [[nodiscard]] inline bool is_finite(const geometry::Vec3& t) noexcept {
@@ -24,19 +24,19 @@ using Fault = std::optional<Error>;
 [[nodiscard]] inline bool is_rotation(const geometry::Quat& q) noexcept {
     return std::abs(geometry::norm_squared(q) - 1.0) <= 0.01;
 }
-/// Whether `fault_alone` finds nothing in any member.
+/// Whether `fault_alone` accepts every member.
 [[nodiscard]] bool is_sound(std::span<const TransformView> batch, bool is_static) noexcept;
-/// Whether `fault_of_names` finds nothing.
+/// Whether `fault_of_names` accepts the names.
 [[nodiscard]] bool has_sound_names(const TransformView& transform) noexcept;
-/// Whether the edge has samples, and of the other kind, moving or static.
+/// Whether the edge has samples of the other kind, moving or static.
 [[nodiscard]] inline bool changes_kind(const history::EdgeWriter<StoreMemory>& edge,
                                        bool is_static) {
     return edge.has_samples() && edge.is_static() != is_static;
 }
-/// Whether a moving edge has a sample of that stamp. The caller holds the commit lock, and has not
+/// Whether a moving edge has a sample at that stamp. The caller holds the commit lock, and has not
 /// written to the edge.
 [[nodiscard]] bool has_stamp(const Store& store, FrameId child, StampNs stamp);
-/// Whether `fault_of_edge` finds nothing. The committed samples are what counts.
+/// Whether `fault_of_edge` accepts the sample. Only committed samples count.
 [[nodiscard]] inline bool is_storable(const Store& store, FrameId child,
                                       const TransformView& transform, bool is_static,
                                       WriteRules rules) {
@@ -51,34 +51,33 @@ using Fault = std::optional<Error>;
            !(rules.only_new && has_stamp(store, child, transform.stamp));
 }
 
-/// Judges what can be judged without the store: InvalidTransform, InvalidStamp.
+/// Checks a member without the store: InvalidTransform, InvalidStamp.
 [[nodiscard]] Fault fault_alone(const TransformView& transform, std::size_t index, bool is_static,
                                 std::string_view authority);
-/// Judges the names of a member of which one is new to the store: InvalidName.
+/// Checks the names of a member with a new frame: InvalidName.
 [[nodiscard]] Fault fault_of_names(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
-/// Throws InvalidName where no frame can ever have the name; `what` begins the message.
+/// Throws InvalidName if no frame can have the name; `what` begins the message.
 void check_may_exist(std::string_view name, const char* what);
-/// Throws InvalidName where the question has a name that no frame can ever have.
+/// Throws InvalidName if the question has a name that no frame can have.
 void check_may_exist(const Question& question);
-/// Judges a sample against its edge: ReadOnly, StaticConflict, TooOld, RepeatedStamp.
+/// Checks a sample against its edge: ReadOnly, StaticConflict, TooOld, RepeatedStamp.
 [[nodiscard]] Fault fault_of_edge(const Store& store, FrameId child, const TransformView& transform,
                                   std::size_t index, bool is_static, std::string_view authority,
                                   WriteRules rules);
-/// `source`: from which the edge's samples come.
+/// `source`: the source of the edge's samples.
 [[nodiscard]] Error read_only(const TransformView& transform, std::size_t index,
                               std::string_view source, std::string_view authority);
 [[nodiscard]] Error repeated_stamp(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
-/// `other_way`: what the message says after the way that always works.
+/// `other_way`: the alternative that the message names after the one that always works.
 [[nodiscard]] Error static_conflict(const TransformView& transform, std::size_t index,
                                     bool is_static, std::string_view authority,
                                     const char* other_way = "");
-/// `newest`: the greatest stamp of the edge, behind which `history` is retained.
+/// `newest`: the greatest stamp of the edge, before which `history` is retained.
 [[nodiscard]] Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
                             StampNs history, std::string_view authority);
-/// Of a frame that was to be removed, at `index` of the call's names.
-/// `hint` ends the message.
+/// For a frame that was to be removed, at `index` of the call's names. `hint` ends the message.
 [[nodiscard]] Error unknown_frame(std::string_view name, std::size_t index,
                                   const std::string& hint);
 /// `advice` ends the message.
@@ -88,7 +87,7 @@ void check_may_exist(const Question& question);
 [[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index,
                                 std::string_view authority);
 
-/// The refused members of a batch.
+/// The rejected members of a batch.
 /// Threads: one. Guarantee: plain code that may allocate.
 class Refusals {
 public:
@@ -103,7 +102,7 @@ public:
 
     /// In the order of the batch.
     [[nodiscard]] std::vector<RefusedMember> members();
-    /// The first one's error. `of` says how many there were in all, and of what.
+    /// Throws the first one's error. `of`: the total number and the kind of the members.
     [[noreturn]] void raise(const std::string& of);
 
 private:
@@ -112,18 +111,18 @@ private:
     std::vector<Error> errors_;
 };
 
-/// Whether the bytes are UTF-8 without NUL, as messages and Python have names.
+/// Whether the bytes are UTF-8 without NUL, as names in messages and Python.
 [[nodiscard]] bool is_text(std::string_view name) noexcept;
 
-/// What to add to a message where a stamp lies outside an edge's data and is hardly meant as it is:
-/// one that would lie inside if it were seconds or counted from the first sample, one that would
-/// lie near the newest sample if that were seconds, and, in a lookup, 0. Empty for all others.
+/// A hint for a stamp outside an edge's data that is probably a mistake. It covers stamps that
+/// would lie inside if they were seconds or counted from the first sample; near the newest sample
+/// if that were seconds; and, in a lookup, 0. Otherwise empty.
 std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest);
 
-/// What a message says of a frame that belongs to a source.
+/// The part of a message about a frame that belongs to a source.
 std::string read_only_of(std::string_view source);
 
-/// A frame name as it may stand in a message: quoted, cut when long, control characters escaped.
+/// A frame name for a message: quoted, cut when long, control characters escaped.
 std::string quoted(std::string_view name);
 
 }  // namespace tfdb::store

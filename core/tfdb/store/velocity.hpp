@@ -1,5 +1,5 @@
-// Velocity by finite difference, as tf1's lookupTwist and tf2's lookupVelocity define it, with the
-// lever arm taken as a cross product (both of those multiply element by element there).
+// Velocity by finite difference, as in tf1's lookupTwist and tf2's lookupVelocity, but with the
+// lever arm as a cross product (both of those multiply element by element there).
 #pragma once
 
 #include <algorithm>
@@ -21,13 +21,13 @@ inline Vec3 cross(const Vec3& a, const Vec3& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-/// The rotation vector that turns `from` into `to`, in the axes in which both are given.
+/// The rotation vector from `from` to `to`, in their common axes.
 inline Vec3 rotation_between(const Quat& from, const Quat& to) {
     Quat turn = geometry::multiply(to, geometry::conjugate(from));
     if (turn.w < 0.0)
         turn = {-turn.x, -turn.y, -turn.z, -turn.w};
     const double sine = std::sqrt(turn.x * turn.x + turn.y * turn.y + turn.z * turn.z);
-    // Near zero angle / sin(angle / 2) tends to 2.
+    // Near zero, angle / sin(angle / 2) tends to 2.
     const double scale = sine < 1e-12 ? 2.0 : 2.0 * std::atan2(sine, turn.w) / sine;
     return {turn.x * scale, turn.y * scale, turn.z * scale};
 }
@@ -36,7 +36,7 @@ enum Role : std::size_t { kTarget, kSource, kReference, kPointFrame, kRoles };
 
 using Frames = std::array<FrameId, kRoles>;
 
-/// As the arguments of Reads::lookup_velocity, all of them given.
+/// The arguments of Reads::lookup_velocity, with defaults filled in.
 struct VelocityQuestion {
     std::array<std::string_view, kRoles> names;  // by role
     std::optional<StampNs> stamp;
@@ -44,7 +44,7 @@ struct VelocityQuestion {
     Vec3 point;
 };
 
-/// Which two frames were asked for last: those that an error is about.
+/// The two frames looked up last: errors name them.
 struct Asked {
     Role target = kTarget;
     Role source = kSource;
@@ -60,14 +60,14 @@ struct Asked {
                                                  std::string_view reference, const Vec3& point,
                                                  std::string_view point_frame);
 
-/// The interval over which the difference is taken: as long as was asked for if there is that much
-/// data around the stamp, moved to lie inside it.
+/// The interval of the difference: as long as requested if the data around the stamp suffice, and
+/// moved to lie inside the data.
 struct Window {
     StampNs start = 0;
     StampNs end = 0;
 };
 
-/// kFailed where the data are of the one stamp only.
+/// kFailed if the data have only one stamp.
 template <lookup::View V>
 [[nodiscard]] lookup::Outcome find_window(const V& view, const Answer& path, StampNs stamp,
                                           StampNs interval, Window& window, Failure& failure) {
@@ -80,7 +80,7 @@ template <lookup::View V>
         const StampNs length = to - from;
         const Outcome outcome =
             lookup::narrow_to_edge(view, use.child, use.parent, stamp, from, to);
-        // What was used a moment ago is gone.
+        // The interval's data were evicted in between.
         if (outcome != Outcome::kOk)
             return Outcome::kLapped;
         if (to - from == length)

@@ -1,4 +1,4 @@
-// How a wait ended.
+// The outcome of a wait.
 #pragma once
 
 #include <cstdint>
@@ -6,11 +6,11 @@
 namespace tfdb {
 
 enum class WaitEnd : std::uint8_t {
-    kCame,      // what was waited for
-    kTimedOut,  // it has not
-    kClosed,    // no further waits are taken
+    kCame,      // the awaited answer or commit arrived
+    kTimedOut,  // it did not arrive in time
+    kClosed,    // waits have been ended
     kRemoved,   // the store's name was removed meanwhile
-    kStopped,   // nothing will be waited for here any more: as kTimedOut, but at once
+    kStopped,   // waits were stopped: as kTimedOut, but at once
 };
 
 struct EndedWait {

@@ -37,7 +37,7 @@ void check_can_wait(const store::Store& store) {
     store::check_not_in_transaction(store);
 }
 
-/// Whether a commit after that one is there, even if waits are not supported.
+/// Whether a later commit exists, even if waits are not supported.
 bool is_there(const store::Store& store, CommitNumber after) {
     check_can_wait(store);
     return store.committed() > after;

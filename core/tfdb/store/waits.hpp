@@ -22,11 +22,11 @@
 
 namespace tfdb::store {
 
-/// How long one waits, and that a signal may end it.
+/// The remaining time of a wait, which a signal may end.
 /// Threads: one. Guarantee: none.
 class Patience {
 public:
-    /// None: for ever.
+    /// None: unlimited.
     explicit Patience(std::optional<std::int64_t> longest_ns);
     [[nodiscard]] std::int64_t left() const;
     [[nodiscard]] static bool heeds_signals() { return Interruption::current() != nullptr; }
@@ -37,10 +37,10 @@ private:
 };
 
 /// The waits and watches of one process on one store. The leading thread reads the change feed and
-/// repeats the question of each wait whose path a commit touched, or whose missing frame it made;
-/// of a watch it wakes the threads. `Store` is another one in walks of every interleaving.
-/// Threads: any. Guarantee: `wait`, `sleep` and `ended` block, the others only against each other.
-/// Each wait ends once, with a `WaitEnd`.
+/// repeats the question of each wait whose path a commit touched or whose missing frame it created.
+/// For a watch it wakes the threads. `Store` is another class in interleaving walks.
+/// Threads: any. Guarantee: `wait`, `sleep` and `ended` block; the other calls block only each
+/// other. Each wait ends once, with a `WaitEnd`.
 template <class Store>
 class BasicWaits {
     using WaitGroup = typename Store::WaitGroup;
@@ -50,7 +50,7 @@ class BasicWaits {
     struct Sleeper;
 
 public:
-    /// `commit_event`: notified behind each commit.
+    /// `commit_event`: notified after each commit.
     BasicWaits(const Store& store, Word& commit_event)
         : store_(store), forks_(sync::forks()), group_(commit_event) {}
     BasicWaits(const BasicWaits&) = delete;
@@ -59,14 +59,14 @@ public:
     /// The process of the waiting threads: see `sync::forks`.
     [[nodiscard]] std::uint64_t forks() const { return forks_; }
 
-    /// One wait, for an answer or for a commit; or a watch, which goes on when it was touched.
+    /// One wait, for an answer or for a commit; or a watch, which continues after it was touched.
     /// Threads: as Waits. Guarantee: none.
     struct Wait {
         explicit Wait(const Word& of_watch) : closed(&of_watch) {}
         explicit Wait(const Question& asked) : question(asked) {}
         explicit Wait(CommitNumber commit) : after(commit) {}
 
-        /// Names of its own, for it outlives its caller's.
+        /// Copies the names, because the wait outlives its caller's.
         void keep_names() {
             FrameRef* const frames[] = {&question.target, &question.source, &question.fixed};
             for (std::size_t i = 0; i < names.size(); ++i) {
@@ -81,16 +81,16 @@ public:
         std::optional<CommitNumber> after{};  // instead of the question
         std::array<std::string, 3> names{};
         std::vector<Look> looks{};  // each frame once
-        std::uint64_t touched = 0;  // the round that found it touched last
+        std::uint64_t touched = 0;  // the last round that found it touched
         Sleeper* sleepers = nullptr;
-        std::uint64_t number = 0;  // of one that was begun
+        std::uint64_t number = 0;  // of a begun wait
         WaitEnd how = WaitEnd::kTimedOut;
-        const Word* closed = nullptr;  // a watch's; null: it is none
-        // A watch: nothing touched its looks after the one commit, until the other; none: to the
-        // newest that was looked at.
+        const Word* closed = nullptr;  // the watch's; null: not a watch
+        // A watch: no commit after the first number touched its looks, up to the second; none: up
+        // to the newest commit checked.
         CommitNumber quiet_after = 0;
         std::optional<CommitNumber> quiet_until{};
-        std::uint64_t news = 0;  // how often it was touched, or got other looks
+        std::uint64_t news = 0;  // how often it was touched or its looks changed
     };
 
     /// Waits until the question has an answer.
@@ -104,8 +104,8 @@ public:
         return wait(asked, patience);
     }
 
-    /// Non-blocking form; `ended` reports completion. Returns the wait's number; 0: the answer is
-    /// there.
+    /// Non-blocking form; `ended` reports completion. Returns the wait's number; 0: the answer
+    /// already exists.
     [[nodiscard]] std::uint64_t begin(const Question& question) {
         auto asked = std::make_unique<Wait>(question);
         asked->keep_names();
@@ -124,8 +124,8 @@ public:
         begun_.erase(found);
         return true;
     }
-    /// Waits for some of those to end, and takes them, as they were begun. None: they were all
-    /// cancelled, or the patience was at an end. Without patience the call does not block.
+    /// Waits until some begun waits end, and takes them, in the order of their begin. Empty: all
+    /// were cancelled, or the patience ran out. Without patience the call does not block.
     [[nodiscard]] std::vector<EndedWait> ended(Patience patience) {
         const Locked locked(group_);
         stay_until_ended(patience);
@@ -135,20 +135,20 @@ public:
                   [](const EndedWait& a, const EndedWait& b) { return a.number < b.number; });
         return taken;
     }
-    /// The same, but takes none. One thread at a time waits in these two.
+    /// The same without taking them. Only one thread at a time waits in these two.
     void await_ended(Patience patience) {
         const Locked locked(group_);
         stay_until_ended(patience);
     }
 
     struct Looked {
-        // The commits after the first, to the second, touched nothing.
+        // No commit after the first number, up to the second, touched its looks.
         CommitNumber quiet_after = 0;
         CommitNumber quiet_until = 0;
         std::uint64_t news = 0;  // for `sleep`
     };
-    /// Has a watch look at these frames from now on: sorted, each once; they may be kBirths and
-    /// kCommits. If they are others than before, its threads wake as if they had been touched.
+    /// Sets the frames that a watch looks at: sorted, without duplicates; kBirths and kCommits are
+    /// allowed. If they differ from before, its threads wake as if they had been touched.
     [[nodiscard]] Looked look_at(Wait& watch, const std::vector<FrameId>& frames) {
         const Locked locked(group_);
         if (watch.closed->load_acquire() != 0)
@@ -166,10 +166,10 @@ public:
         watch.quiet_until.reset();
         return looked;
     }
-    /// Waits until one of them is touched; does not wait if that was so since that `look_at`.
+    /// Waits until one of them is touched; returns at once if that happened since that `look_at`.
     [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t news, Patience patience) {
         const Locked locked(group_);
-        // Without looks: it is closed, or was ended by a stop since when waits may begin again.
+        // Without looks: it is closed, or a stop ended it and waits may begin again.
         if (watch.news != news || watch.closed->load_acquire() != 0 ||
             (watch.looks.empty() && !closed_))
             return WaitEnd::kCame;
@@ -180,7 +180,7 @@ public:
             me.waiter, [this] { look(); }, patience);
         return me.how;
     }
-    /// The watch looks at nothing any more, and its threads wake as if it had been touched.
+    /// The watch looks at no frame any more, and its threads wake as if it had been touched.
     void leave(Wait& watch) noexcept {
         const Locked locked(group_);
         remove(watch);
@@ -188,11 +188,10 @@ public:
         group_.tell();
     }
 
-    /// All waits end now, and so do those that come: as kClosed or kStopped. The first kClosed
-    /// stays.
+    /// Ends all current and future waits, as kClosed or kStopped. The first kClosed is final.
     void close(WaitEnd how) {
         const Locked locked(group_);
-        look();  // what has come has come
+        look();  // earlier commits count
         if (closed_ != WaitEnd::kClosed)
             closed_ = how;
         end_all(how);
@@ -200,7 +199,7 @@ public:
             group_.end(*teller_);
         group_.tell();
     }
-    /// Waits may begin again after kStopped.
+    /// Allows new waits after kStopped.
     void reopen() {
         const Locked locked(group_);
         if (closed_ == WaitEnd::kStopped)
@@ -208,14 +207,14 @@ public:
     }
 
 private:
-    /// A wait's dependence on a frame, in the frame's list.
+    /// A wait's dependence on a frame, an entry in the frame's list.
     struct Look {
         FrameId frame;
         Wait* wait;
         Look* next = nullptr;
-        Look** from = nullptr;  // what points to this one
+        Look** from = nullptr;  // the pointer to this one
     };
-    /// A thread that waits. Threads: as Waits. Guarantee: in the wait's list for its lifetime.
+    /// A waiting thread. Threads: as Waits. Guarantee: in the wait's list for its lifetime.
     struct Sleeper {
         explicit Sleeper(Wait& slept_for) : wait(slept_for), next(slept_for.sleepers) {
             wait.sleepers = this;
@@ -252,7 +251,7 @@ private:
     }
     [[nodiscard]] std::uint64_t begin(std::unique_ptr<Wait> wait) {
         const Locked locked(group_);
-        // Room for all ends, so that ending a wait needs no memory.
+        // Reserves space for all ends, so that ending a wait does not allocate.
         if (const std::size_t ends = ended_.size() + begun_.size() + 1; ends > ended_.capacity())
             ended_.reserve(2 * ends);
         Wait& begun = *wait;
@@ -289,7 +288,7 @@ private:
         teller_ = nullptr;
     }
 
-    /// False: it has ended already, with `how`.
+    /// False: it has already ended, with `how`.
     bool add(Wait& wait) {
         begin_looking();
         if (is_answered(wait))
@@ -310,7 +309,7 @@ private:
         unlink(wait.looks);
         wait.looks.clear();
     }
-    /// All or nothing, if it throws. False: it looks at these frames already.
+    /// All or nothing if it throws. False: it already looks at these frames.
     bool enter(Wait& wait, const std::vector<FrameId>& frames) {
         const auto is_of = [](const Look& look, FrameId frame) { return look.frame == frame; };
         if (std::equal(wait.looks.begin(), wait.looks.end(), frames.begin(), frames.end(), is_of))
@@ -337,7 +336,7 @@ private:
         unlink(looks);
         return true;
     }
-    /// Of these frames, those that no wait depends on.
+    /// Forgets those of these frames on which no wait depends.
     void forget(const std::vector<FrameId>& frames) noexcept {
         for (const FrameId frame : frames) {
             const auto found = looks_.find(frame);
@@ -385,9 +384,9 @@ private:
         return question.kind != Question::kCommonTime || !question.stamp ||
                answer_.stamp >= *question.stamp;
     }
-    /// After it was asked: what must change before the answer can be another one. The frames up to
-    /// both roots, for whatever their edges say decides; of one that had several parents anything
-    /// may. A root is touched by the commit that gives it a parent.
+    /// After a failed question: the frames that must change before the answer can change. They are
+    /// the frames up to both roots, because any of their edges may decide. If a frame had several
+    /// parents, every commit may matter. The commit that gives a root a parent touches it.
     [[nodiscard]] std::vector<FrameId> frames_of(const Wait& wait) const {
         constexpr int kTries = 4;
         if (wait.after)
@@ -419,7 +418,7 @@ private:
         return frames;
     }
 
-    /// What was committed since it looked last.
+    /// Checks the commits since the last look.
     void look() {
         if (const std::uint64_t now = store_.removals(); now != seen_removals_) {
             seen_removals_ = now;
@@ -441,7 +440,7 @@ private:
                 }
             }
         }
-        // Last: after an exception the next look begins anew.
+        // Last: after an exception the next look starts here again.
         seen_ = newest;
     }
     void collect_touched(CommitNumber newest) {
@@ -465,7 +464,7 @@ private:
                 collect(found->second);
         }
     }
-    /// Those that the notes name, each once however often it is noted, and what stands for more.
+    /// The frames in the notes, each once, and the special ids for more.
     const std::vector<FrameId>& noted_frames(CommitNumber newest) {
         using txn::FeedNote;
         noted_.assign(1, kCommits);
@@ -484,9 +483,9 @@ private:
     const Store& store_;
     std::uint64_t forks_;
     WaitGroup group_;
-    // All of these: the group is locked.
-    std::unordered_map<FrameId, Look*> looks_;  // the first wait of each frame; none is empty
-    CommitNumber seen_ = 0;                     // what was changed until then has been looked at
+    // All of these require the group's lock.
+    std::unordered_map<FrameId, Look*> looks_;  // the first wait of each frame; no list is empty
+    CommitNumber seen_ = 0;                     // changes up to this commit have been checked
     std::uint64_t seen_removals_ = 0;
     std::optional<WaitEnd> closed_{};  // how every wait ends from now on
     std::uint64_t last_number_ = 0;

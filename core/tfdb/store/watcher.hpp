@@ -1,4 +1,4 @@
-// A watch at work: it reads the feed, and sleeps until a commit touches what it is of.
+// The implementation of a watch: it reads the feed, and sleeps until a commit touches its subjects.
 #pragma once
 
 #include <mutex>
@@ -10,7 +10,7 @@
 
 namespace tfdb::store {
 
-/// What a Watch does in the process that made it. The other types are its own in walks only.
+/// A Watch in the process that created it. Only interleaving walks use other template arguments.
 /// Threads: any. Guarantee: as Watch.
 template <class Store, class Waits = BasicWaits<Store>, class Touches = BasicTouches<Store>>
 class BasicWatcher {
@@ -37,8 +37,8 @@ public:
         closed_.store_release(1);
         leave();
     }
-    /// Before it ends: the waits look at nothing for it any more. Nothing in a child of the process
-    /// that made it, whose waits are its own.
+    /// Call before destruction: the waits stop checking for it. Does nothing in a child of the
+    /// process that created it, whose waits are its own.
     void leave() {
         if (is_at_home())
             waits_.leave(wait_);
@@ -54,9 +54,9 @@ private:
     using Word = typename Store::Word;
     using Lock = typename Store::WaitGroup::Lock;
 
-    /// The commits after `after` that touched something. Where there are none, the waits look at
-    /// all that the next one may touch, and have done so since before the feed was read. `news`:
-    /// for `Waits::sleep`.
+    /// The commits after `after` that touched a subject. If there are none, the waits check for all
+    /// frames that the next one may touch, since before the feed was read. `news`: for
+    /// `Waits::sleep`.
     [[nodiscard]] std::vector<Touch> read(CommitNumber after, std::size_t limit,
                                           std::uint64_t& news) {
         const std::lock_guard<Lock> guard(lock_);
@@ -73,7 +73,7 @@ private:
     typename Waits::Wait wait_{closed_};
     Word lock_word_{};
     Lock lock_{lock_word_};
-    Touches touches_;  // the lock is held
+    Touches touches_;  // requires the lock
 };
 
 }  // namespace tfdb::store

@@ -55,7 +55,7 @@ void WriterLock::throw_timeout() const {
     throw LockTimeout(text, std::move(detail));
 }
 
-/// The process's own lock is held; it is given up where this fails.
+/// Requires the process's own lock, and releases it on failure.
 bool WriterLock::try_lock_shared(std::int64_t longest_ns) {
     try {
         check_writable();
@@ -63,7 +63,7 @@ bool WriterLock::try_lock_shared(std::int64_t longest_ns) {
         own_.unlock();
         throw;
     }
-    // A free lock is taken without a look at the clock, which would take longer.
+    // A free lock is taken without reading the clock, which would take longer.
     Control::Taken taken = shared_->control->try_lock();
     if (taken == Control::Taken::kNo && longest_ns > 0)
         taken = shared_->control->lock(longest_ns);

@@ -1,4 +1,4 @@
-// The writers' lock: among the threads of a process, and among processes that share.
+// The writers' lock: among the threads of a process, and among processes that share a store.
 #pragma once
 
 #include <cstdint>
@@ -11,13 +11,13 @@
 
 namespace tfdb::store {
 
-/// A process's threads take turns by a lock of their own; the one whose turn it is then takes that
-/// of the store's processes. The next holder after a death repairs the store first.
+/// The threads of a process first take a lock of their own; its holder then takes the lock of the
+/// store's processes. After a death, the next holder repairs the store first.
 /// Threads: any may lock; only the holder may unlock.
 /// Guarantee: blocks. Urgent requests go first within a process.
 class WriterLock {
 public:
-    /// Repairs a store after a death. Threads: the one that holds the lock. Guarantee: that of the
+    /// Repairs a store after a death. Threads: the holder of the lock. Guarantee: that of the
     /// implementation.
     class Repairs {
     public:
@@ -31,15 +31,15 @@ public:
     };
 
     /// `word`: of the process's lock. `commit_event`: for waits for commits. `shared`: null for a
-    /// store of this process alone.
+    /// private store.
     WriterLock(sync::Word& word, sync::Word& commit_event, const memory::SharedFile* shared,
                Repairs& repairs)
         : own_(word), commit_event_(commit_event), shared_(shared), repairs_(repairs) {}
 
-    /// The only place where a thread waits for other writers. It asks `may_end` a few times a
-    /// second, without the lock: what that throws ends the wait. Where the store is shared, both
-    /// throw ReadOnly, LockTimeout (another process holds the lock for so long), CorruptStore (the
-    /// lock was damaged).
+    /// The only place where a thread waits for other writers. It calls `may_end` a few times a
+    /// second, without the lock; an exception from it ends the wait. For a shared store, both throw
+    /// ReadOnly, LockTimeout (another process holds the lock too long), CorruptStore (the lock was
+    /// damaged).
     void lock() { lock_any(false); }
     void lock_urgently() { lock_any(true); }
     /// Throws ReadOnly, CorruptStore.
@@ -54,12 +54,12 @@ public:
         own_.unlock();
         commit_event_.notify();
     }
-    /// Whether a thread of this process holds it, or asks urgently.
+    /// Whether a thread of this process holds the lock or urgently requests it.
     [[nodiscard]] bool in_use() const noexcept { return own_.in_use(); }
 
 private:
-    // How long one waits at a time: then `may_end` is asked, and, where another process has the
-    // lock, other threads of this one have a turn.
+    // Longest single wait. After it, `may_end` is called and, if another process holds the lock,
+    // other threads of this process get their turn.
     static constexpr std::int64_t kTurnNs = 50'000'000;
 
     void lock_any(bool urgently) {
@@ -70,7 +70,7 @@ private:
     [[nodiscard]] bool try_lock_shared(std::int64_t longest_ns);
     [[noreturn]] void throw_timeout() const;
     void check_writable() const;
-    /// Unless it is kNo.
+    /// Handles a result other than kNo.
     void took(memory::Control::Taken taken);
 
     sync::CommitLock own_;

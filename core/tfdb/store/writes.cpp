@@ -1,4 +1,4 @@
-// Batches of transforms: judged, written and published as one commit.
+// Batches of transforms: validated, written and published as one commit.
 #include "tfdb/store/writes.hpp"
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 namespace tfdb::store {
 namespace {
 
-/// Samples of one edge must come in stamp order; of equal stamps the later member counts.
+/// Sorts samples of one edge by stamp; the last of equal stamps counts.
 void sort_items(std::vector<Store::Item>& items, std::span<const TransformView> batch) {
     const auto before = [&](const auto& a, const auto& b) {
         if (a.child != b.child)
@@ -23,12 +23,12 @@ void sort_items(std::vector<Store::Item>& items, std::span<const TransformView> 
     if (!std::is_sorted(items.begin(), items.end(), before))
         std::stable_sort(items.begin(), items.end(), before);
 }
-/// The very same bytes, as columns with one name for all rows have them.
+/// Whether both are the same bytes in memory, as columns with one name for all rows have them.
 bool is_same_text(std::string_view a, std::string_view b) {
     return a.data() == b.data() && a.size() == b.size();
 }
 
-/// Of items in order: whether two members of the batch are of one edge and stamp.
+/// Whether two members in sorted order have the same edge and stamp.
 bool repeats_a_stamp(const std::vector<Store::Item>& items, const Batch& batch) {
     const auto same = [&](const auto& a, const auto& b) {
         return a.child == b.child && batch[a.index].stamp == batch[b.index].stamp;
@@ -36,11 +36,11 @@ bool repeats_a_stamp(const std::vector<Store::Item>& items, const Batch& batch) 
     return std::adjacent_find(items.begin(), items.end(), same) != items.end();
 }
 
-/// How many samples of an edge are appended at once, so that they stay near.
+/// Number of an edge's samples that are appended at once, so that they stay in the cache.
 constexpr std::size_t kTogether = 64;
 
-/// Finds or makes the frames, and judges the samples against their edges while these are as they
-/// were committed. False: a member cannot be stored.
+/// Finds or creates the frames, and validates the samples against their edges before any write.
+/// False: a member cannot be stored.
 bool resolve_items(Store& store, StoreCommit& commit, const Batch& batch) {
     auto& items = store.items;
     items.clear();
@@ -53,7 +53,7 @@ bool resolve_items(Store& store, StoreCommit& commit, const Batch& batch) {
         if (i == 0 || !is_same_text(batch[i].child, batch[i - 1].child))
             child = commit.find_frame(batch[i].child);
         if (parent == kNoFrame || child == kNoFrame) {
-            // A name that is known was judged when it was new.
+            // A known name was validated when it was new.
             if (!has_sound_names(batch[i]))
                 return false;
             parent = commit.frame(batch[i].parent);
@@ -72,8 +72,8 @@ bool resolve_items(Store& store, StoreCommit& commit, const Batch& batch) {
     return true;
 }
 
-/// Appends the samples that `resolve_items` has found in the batch, of each stamp the last; an edge
-/// of the other kind starts anew. Returns how many quaternions were mended.
+/// Appends the samples that `resolve_items` found, the last of each stamp; an edge of the other
+/// kind starts empty. Returns the number of normalised quaternions.
 std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch) {
     const auto& items = store.items;
     auto& together = store.samples;
@@ -101,7 +101,7 @@ std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch
             commit.append(child, sample, items[i].index);
             continue;
         }
-        // All that are late, or some of those that are not.
+        // Either all late samples, or some of the others.
         const bool late = is_late(i);
         together.clear();
         members.clear();
@@ -120,7 +120,7 @@ std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch
     return mended;
 }
 
-/// Publishes what was written; false if it would close a cycle.
+/// Publishes the writes; false if they would close a cycle.
 bool publish(Store& store, StoreCommit& commit, std::uint64_t mended, CommitNumber& number) {
     txn::Cycle cycle;
     if (commit.cycles().find(cycle))
@@ -131,7 +131,7 @@ bool publish(Store& store, StoreCommit& commit, std::uint64_t mended, CommitNumb
     return true;
 }
 
-/// Takes a lock; false, without waiting, if it is taken and `wait` is false.
+/// Locks; false, without waiting, if the lock is taken and `wait` is false.
 bool take(std::unique_lock<WriterLock>& guard, bool wait) {
     if (!wait)
         return guard.try_lock();
@@ -148,13 +148,13 @@ bool store_all(Store& store, const Batch& batch, CommitNumber& number) {
     return publish(store, commit, mended, number);
 }
 
-/// A private copy of some rows of columns, which stay as they were judged.
+/// A private copy of some rows of columns, so that validated rows do not change.
 /// Threads: one. Guarantee: wait-free.
 class Rows {
 public:
     explicit Rows(const EdgeColumns& columns) : columns_(columns) {}
 
-    /// Takes the rows from `first` on. False: one is refused, or does not come after `newest`.
+    /// Copies the rows from `first` on. False: a row is invalid, or is not newer than `newest`.
     [[nodiscard]] bool take(std::size_t first, StampNs newest) {
         count_ = std::min(kTogether, columns_.stamps.size() - first);
         std::copy_n(columns_.stamps.data() + first, count_, stamps_.begin());
@@ -168,7 +168,7 @@ public:
         }
         return sound;
     }
-    /// How many of all that it took.
+    /// Number of normalised quaternions so far.
     [[nodiscard]] std::uint64_t mended() const { return mended_; }
     [[nodiscard]] std::size_t count() const { return count_; }
     [[nodiscard]] StampNs stamp(std::size_t i) const { return stamps_[i]; }
@@ -182,8 +182,8 @@ private:
     std::array<Pose, kTogether> poses_{};
 };
 
-/// Publishes columns that come after one another and after all that the edge has; false if a
-/// member does not, or cannot be stored.
+/// Publishes columns in ascending order that are newer than the edge's samples; false if a row is
+/// not, or cannot be stored.
 bool store_columns(Store& store, const EdgeColumns& columns, std::string_view authority,
                    CommitNumber& number) {
     StoreCommit commit = store.start_commit(authority);
@@ -217,7 +217,7 @@ bool store_columns(Store& store, const EdgeColumns& columns, std::string_view au
     return publish(store, commit, rows.mended(), number);
 }
 
-/// The rows as members, for the general way.
+/// The rows as members, for the general path.
 std::vector<TransformView> members_of(const EdgeColumns& columns) {
     std::vector<TransformView> members;
     members.reserve(columns.stamps.size());
@@ -259,13 +259,13 @@ public:
         repeats_.clear();
     }
 
-    /// What may be stored, all of it together.
+    /// The members that can be stored together.
     [[nodiscard]] std::span<const TransformView> good() const { return good_; }
 
     Refusals refusals;
 
 private:
-    /// Each try costs as much as the batch. Few batches need more than two.
+    /// Each attempt costs as much as the batch. Few batches need more than two.
     static constexpr int kTries = 64;
 
     [[nodiscard]] Fault fault_of(std::size_t i) const {
@@ -284,8 +284,8 @@ private:
                              batch_.rules());
     }
 
-    /// Writes what is good so far, looks for cycles, takes it all back. True if some members were
-    /// to be left out; `all` leaves out every possible part of a cycle.
+    /// Writes the good members, searches for cycles, and rolls back. True if some members must be
+    /// removed; `all` removes every possible part of a cycle.
     bool leave_out_some(bool all) {
         if (good_.empty())
             return false;
@@ -331,7 +331,7 @@ private:
         indices_.resize(kept);
     }
 
-    /// Replaces a member that was left out by the next one of its edge and stamp.
+    /// Replaces a rejected member by the next one of its edge and stamp.
     [[nodiscard]] bool take_next(const TransformView& left_out, std::size_t& index) {
         const auto found = repeats_.find({left_out.child, left_out.stamp});
         if (found == repeats_.end() || found->second.empty())
@@ -344,12 +344,12 @@ private:
     Store& store_;
     const Batch& batch_;
     std::vector<TransformView> good_;
-    std::vector<std::size_t> indices_;  // of the good ones in the batch
-    // With `only_new`: their stamps, and later members with the same one.
+    std::vector<std::size_t> indices_;  // of the good members in the batch
+    // With `only_new`: the stamps, and later members with the same stamp.
     std::map<std::pair<std::string_view, StampNs>, std::vector<std::size_t>> repeats_;
 };
 
-/// Stores columns by the quick way; false where the members must be judged one by one.
+/// Stores columns on the fast path; false if the members must be validated one by one.
 bool store_at_once(Store& store, const WriteRequest& request, WriteResult& result) {
     const EdgeColumns& columns = *request.columns;
     if (columns.stamps.size() != columns.poses.size()) {
@@ -370,7 +370,7 @@ bool store_at_once(Store& store, const WriteRequest& request, WriteResult& resul
     }
 }
 
-/// As Buffer::write, in an engine that has its own way to commit.
+/// As Buffer::write, in an engine with its own commit.
 WriteResult write_by_engine(Store& store, const Batch& batch, const WriteRequest& request) {
     WriteResult result;
     try {
@@ -411,7 +411,7 @@ WriteResult commit_partial(Store& store, const Batch& batch) {
         return result;
     Sorting sorting(store, batch);
     sorting.leave_out_cycles();
-    result.refused = sorting.refusals.members();  // it may throw: not once something is stored
+    result.refused = sorting.refusals.members();  // may throw, so before anything is stored
     result.commit = store.committed();
     if (!sorting.good().empty())
         (void)store_all(store, batch.with(sorting.good()), result.commit);
