@@ -1,6 +1,6 @@
 // Many stamps in one call, block by block and all in one state: the kernels of
-// geometry/batch_kernels.hpp read each edge's samples where they lie. What is not plain is looked
-// up by itself.
+// geometry/batch_kernels.hpp read each edge's samples in place. Stamps that the kernels cannot
+// answer are looked up singly.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -25,10 +25,10 @@ using geometry::kBlock;
 using store::BatchEdge;
 using store::Mark;
 
-// Up to so many stamps single lookups are cheaper than to prepare a path for many.
+// Up to this number of stamps, single lookups are cheaper than preparing a path.
 constexpr std::size_t kFewStamps = 3;
 
-// Stamps that are put in order together. Fewer than kFewUnsorted are not worth it.
+// Number of stamps that are sorted together. Sorting fewer than kFewUnsorted does not pay.
 constexpr std::size_t kPiece = 4096;
 constexpr std::size_t kFewUnsorted = 64;
 static_assert(kPiece % kBlock == 0);
@@ -38,33 +38,33 @@ struct Request {
     FrameId source;
     std::span<const StampNs> stamps;
     Policy policy;
-    bool stop;  // at the first stamp without an answer; else it has no row
+    bool stop;  // at the first stamp without an answer; otherwise it gets no row
 };
 
-/// A stamp and its place among those that were asked for.
+/// A stamp and its row.
 struct Row {
     StampNs stamp;
     std::size_t index;
 };
 
-/// Working memory of one thread, reused by its calls: that of a block, and of the path's edges.
+/// Working memory of one thread, reused by its calls: for a block and for the path's edges.
 struct Workspace {
-    geometry::PoseBlock block{};         // of the source's side, then of the whole path
+    geometry::PoseBlock block{};         // of the source's side, later of the whole path
     geometry::PoseBlock target_block{};  // of the target's side
     geometry::Pairs pairs;
     std::size_t source_edges = 0;
     std::vector<BatchEdge> edges;  // the source's side, then the target's
-    std::vector<FrameId> path;     // the frames of both sides, and where they meet
-    std::vector<Row> rows;         // of a piece that was put in order
+    std::vector<FrameId> path;     // the frames of both sides, and their meeting point
+    std::vector<Row> rows;         // of a sorted piece
     std::vector<Row> spare;
     Failure failure;
     Answer answer;
-    StampNs stamps[kBlock] = {};  // the block's, filled up to a whole group
+    StampNs stamps[kBlock] = {};  // of the block, padded to a whole group
     Mark marks[kBlock] = {};
 };
 
 /// One thread's workspaces, used as a stack: a signal handler may run a batch inside a batch.
-/// Threads: one. Guarantee: wait-free but for the first of each depth.
+/// Threads: one. Guarantee: wait-free except for the first use of each depth.
 struct Workspaces {
     std::vector<std::unique_ptr<Workspace>> all;
     std::size_t used = 0;
@@ -95,7 +95,7 @@ private:
     Workspace* space_;
 };
 
-/// Puts the stamps of a piece in order, but for what lies closer than a millionth of its span: by
+/// Sorts the stamps of a piece, except stamps closer than a millionth of its span: a radix sort by
 /// two digits, the last one first.
 void put_in_order(std::span<const StampNs> stamps, std::size_t begin, Workspace& space) {
     constexpr int kDigit = 10;
@@ -122,8 +122,8 @@ void put_in_order(std::span<const StampNs> stamps, std::size_t begin, Workspace&
         space.rows[places[1][digits(row.stamp) / kValues]++] = row;
 }
 
-/// `emit(begin, rows, count)` consumes the block's poses of so many stamps: from `begin` on, or of
-/// `rows` if that is not null. A row without a pose has another mark than kPlain.
+/// `emit(begin, rows, count)` consumes the block's poses of that many stamps: of rows from `begin`
+/// on, or of `rows` if that is not null. A row without a pose has a mark other than kPlain.
 template <class Emit>
 class BatchRun {
 public:
@@ -153,22 +153,22 @@ public:
             if (outcome != Outcome::kOk)
                 return outcome;
         }
-        // What is missing may be a frame whose slot was reused since.
+        // A frame may be missing because its slot was reused since.
         return missing_ ? store::unless_reused(store_, view.commit(), Outcome::kOk) : Outcome::kOk;
     }
 
-    /// Which stamp of those asked for was refused first.
+    /// The first refused stamp.
     [[nodiscard]] const std::optional<std::size_t>& refused() const { return refused_; }
 
 private:
-    /// kFailed: a lifespan on the path is over. No stamp then has an answer.
+    /// kFailed: a lifespan on the path has ended. Then no stamp has an answer.
     Outcome judge_path(const StoreView& view) {
         const auto name_of = [&](FrameId id) { return store_.names.name(id); };
         return store::path_unless_stale(store_, view, name_of, request_.target, request_.source,
                                         space_.failure);
     }
 
-    /// kMismatch: the hints led astray, or an edge is none for kernels.
+    /// kMismatch: the hints misled, or an edge is unsuitable for the kernels.
     Outcome open_path(const StoreView& view) {
         space_.edges.clear();
         space_.source_edges = 0;
@@ -197,8 +197,8 @@ private:
             const Outcome outcome = edge.open(view, chain[i], chain[i + 1]);
             if (outcome != Outcome::kOk)
                 return outcome;
-            // Static edges at the start of a side are composed beforehand. Behind one that moves
-            // each stays by itself: composed with each other first, they would round otherwise.
+            // Static edges at the start of a side are composed in advance. Behind a moving edge
+            // each stays separate: composing them first would round differently.
             BatchEdge& before = space_.edges[begin];
             if (&before != &edge && space_.edges.size() == begin + 2 && before.is_static() &&
                 edge.is_static()) {
@@ -209,7 +209,7 @@ private:
         return Outcome::kOk;
     }
 
-    /// Of so many stamps that the order in which they come does not matter.
+    /// Answers so many stamps that their order does not matter.
     Outcome answer_piece(const StoreView& view, std::size_t begin) {
         const std::size_t all = std::min(kPiece, request_.stamps.size() - begin);
         const auto stamps = request_.stamps.subspan(begin, all);
@@ -236,7 +236,7 @@ private:
         }
         if (!refused_)
             return Outcome::kOk;
-        // The first one gives the reason.
+        // The first refused stamp determines the reason.
         const Outcome refusal = look_up(view, request_.stamps[*refused_]);
         return refusal == Outcome::kOk ? Outcome::kLapped : refusal;
     }
@@ -248,7 +248,7 @@ private:
                               space_.answer, space_.failure);
     }
 
-    /// The block's poses, and marks of rows without one. False: overtaken.
+    /// Computes the block's poses, and marks rows without one. False: overtaken.
     [[nodiscard]] bool evaluate(std::size_t count) {
         const std::size_t whole = geometry::round_up_to_group(count);
         const StampNs* const stamps = space_.stamps;
@@ -298,7 +298,7 @@ private:
         return true;
     }
 
-    /// Looks up a stamp that the kernels left out. False: overtaken.
+    /// Looks up a stamp that the kernels could not answer. False: overtaken.
     [[nodiscard]] bool answer_single(const StoreView& view, std::size_t i, std::size_t row) {
         Mark& mark = space_.marks[i];
         const bool unsure = mark == Mark::kRefused && !request_.stop;
@@ -317,8 +317,8 @@ private:
         return outcome != Outcome::kLapped;
     }
 
-    /// Whether this path stays the only one if an edge of it refuses: each of its frames, and of
-    /// those above it, has one parent at all times, and none comes twice. kLapped, or kOk.
+    /// Whether this path remains the only one if one of its edges refuses: each of its frames and
+    /// their ancestors has one parent at all times, and none repeats. kLapped, or kOk.
     Outcome check_only_path(const StoreView& view) {
         std::vector<FrameId>& path = space_.path;
         only_path_ = true;
@@ -345,16 +345,16 @@ private:
     Workspace& space_;
     Emit emit_;
     const geometry::Kernels& kernels_ = geometry::chosen_kernels();
-    bool prepared_ = false;  // the path's edges are open: kernels can read them
+    bool prepared_ = false;  // the path's edges are open, so that the kernels can read them
     bool missing_ = false;
-    bool stale_ = false;  // then `failure` has the reason
+    bool stale_ = false;  // `failure` then has the reason
     std::optional<std::size_t> refused_;
     std::optional<bool> only_path_;
 };
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-/// Rows of points that come from one place and go to another, or to the same.
+/// Rows of points with separate or equal input and output.
 template <class Real>
 struct Points {
     geometry::PointRows<const Real> in;
@@ -374,10 +374,11 @@ struct Points {
         else
             kernels.move_floats(block, count, in, out);
     }
-    /// Those of a block, each with its pose.
+    /// Transforms the points of a block, each by its pose.
     void move(const geometry::Kernels& kernels, const Workspace& space, std::size_t begin,
               const Row* rows, std::size_t some) const {
-        std::array<Real, 3 * kBlock> apart;  // rows on their way to their poses and to their places
+        // rows gathered for their poses and scattered afterwards
+        std::array<Real, 3 * kBlock> apart;
         if (rows == nullptr)
             Points{in.from(begin), out.from(begin), some}.move(kernels, space.block);
         for (std::size_t i = 0; i < some && rows != nullptr; ++i)
@@ -405,7 +406,7 @@ void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampN
     Workspace& space = *lease;
     Request request{kNoFrame, kNoFrame, stamps, policy, stop};
     BatchRun run(*store_, request, space, [&](auto... what) { emit(space, what...); });
-    // A long one would have to begin again where writers overtake it.
+    // Without a pin, writers that overtake a long batch would restart it.
     std::optional<store::ReadPin> pin;
     if (store_->engine == nullptr && stamps.size() > kBlock)
         pin.emplace(*store_);
@@ -439,7 +440,7 @@ void Reads::lookup_many(FrameRef& target, FrameRef& source, std::span<const Stam
     const geometry::Kernels& kernels = geometry::chosen_kernels();
     const auto write = [&](auto width, auto store_rows) {
         constexpr std::size_t kWidth = decltype(width)::value;
-        std::array<double, kWidth * kBlock> apart;  // rows on their way to their places
+        std::array<double, kWidth * kBlock> apart;  // rows to be scattered
         run_batch(
             target, source, stamps, policy, missing == Missing::kThrow,
             [&](const Workspace& space, std::size_t begin, const Row* rows, std::size_t count) {
@@ -467,7 +468,8 @@ void Reads::transform_points(std::string_view target, std::string_view source, c
     const bool one = stamps.size() == 1;
     store::check_points(points, stride, count, stamps, out, out_stride);
     const bool in_place = points == out && stride == out_stride;
-    // Where some stamp has no answer, and where the batch begins again, no point may be moved yet.
+    // Some stamp may have no answer, or the batch may restart: until then no point in place may
+    // change.
     std::vector<Real> moved(in_place && !one ? 3 * count : 0);
     const geometry::PointRows<Real> rows{out, static_cast<std::ptrdiff_t>(out_stride)};
     const Points<Real> all{{points, static_cast<std::ptrdiff_t>(stride)},

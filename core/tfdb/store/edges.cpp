@@ -18,7 +18,7 @@ void Reads::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stam
     Answer answer;
     Failure failure;
     std::size_t at = 0;
-    // A long one would have to begin again where writers overtake it.
+    // Without a pin, writers that overtake a long batch would restart it.
     std::optional<store::ReadPin> pin;
     if (store_->engine == nullptr && frames.size() > store::kEdgesBetweenEnds)
         pin.emplace(*store_);
@@ -43,7 +43,7 @@ void Reads::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stam
             frames[at].handle = question.source.handle;
             store::write_row(is_there ? &answer.pose : nullptr, out.data() + 7 * at);
         }
-        // What is missing may be a frame whose slot was reused since.
+        // A frame may be missing because its slot was reused since.
         return complete ? Outcome::kOk : store::unless_reused(*store_, view.commit(), Outcome::kOk);
     });
     if (!found)

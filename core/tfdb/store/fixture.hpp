@@ -1,4 +1,4 @@
-// What the store's tests share: poses that tell where they come from, and writes in one line.
+// Shared by the store's tests: poses that encode a number, and writes in one line.
 #pragma once
 
 #include <algorithm>
@@ -19,7 +19,7 @@ namespace tfdb::fixture {
 
 inline constexpr StampNs kSecond = clock::kNanosPerSecond;
 
-/// A pose that only `number` has, never near the identity. `number_of` takes it back.
+/// A pose unique to `number`, never near the identity. `number_of` inverts it.
 inline Pose pose_of(double number) {
     const double half = 0.2 + 0.003 * std::fmod(number, 100.0);
     return {{number, 0.5 - 2.0 * number, 0.25 * number},
@@ -29,7 +29,7 @@ inline double number_of(const Pose& pose) {
     return pose.translation.x;
 }
 
-/// The engine that the whole program runs on: TFDB_CONCURRENCY, or the default one.
+/// The engine of the whole test program: TFDB_CONCURRENCY, or the default one.
 inline Concurrency engine() {
     const char* const wish = std::getenv("TFDB_CONCURRENCY");
     return wish == nullptr ? Concurrency::kSnapshot : concurrency_of(wish);
@@ -40,7 +40,7 @@ inline BufferOptions defaults() {
     return options;
 }
 
-/// True, for the test to end there, in engines that do not promise what it judges.
+/// True in engines that do not promise what the test checks; the test then returns.
 inline bool skipped_in(std::initializer_list<Concurrency> engines, const char* reason) {
     const bool skipped = std::find(engines.begin(), engines.end(), engine()) != engines.end();
     if (skipped) {
@@ -70,7 +70,7 @@ inline bool identical(const Pose& a, const Pose& b) {
     return std::memcmp(&a, &b, sizeof a) == 0;
 }
 
-/// Greatest difference of two components; q and -q are the same.
+/// Greatest difference of two components; q and -q are equal.
 inline double apart(const Pose& a, const Pose& b) {
     const double* left = &a.translation.x;
     const double* right = &b.translation.x;
@@ -84,7 +84,8 @@ inline double apart(const Pose& a, const Pose& b) {
     return most;
 }
 
-/// What `body` throws, which must be an E; judged, and none if it was not.
+/// The exception that `body` throws, which must be an E; a check fails otherwise, and the result is
+/// empty.
 template <class E, class Body>
 std::optional<E> thrown(Body&& body, const char* file, int line) {
     testing::count_check();

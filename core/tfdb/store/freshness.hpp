@@ -1,4 +1,4 @@
-// Refuses answers over edges whose lifespan is over.
+// Refuses answers over edges whose lifespan has ended.
 #pragma once
 
 #include "tfdb/lookup/lookup.hpp"
@@ -9,7 +9,7 @@
 
 namespace tfdb::store {
 
-/// Judges paths in one view by the lifespans that this process enforces. `name_of(id)` is the name
+/// Checks paths in one view by the lifespans that this process enforces. `name_of(id)` is the name
 /// of a frame in that view.
 /// Threads: one. Guarantee: that of the view.
 template <lookup::View V, class NameOf>
@@ -18,14 +18,14 @@ public:
     Freshness(const Store& store, const V& view, const Lifespans& lifespans, NameOf name_of)
         : view_(view), lifespans_(lifespans), name_of_(name_of), now_(now(store)) {}
 
-    /// kFailed, with kStale: an edge of the newest tree's path between the two is too old.
+    /// kFailed, with kStale: an edge of the newest tree's path between the two frames is too old.
     [[nodiscard]] lookup::Outcome path(FrameId target, FrameId source, Failure& failure) const {
         if (target == source)
             return lookup::Outcome::kOk;
         Answer newest;
         Failure none;
         lookup::Outcome outcome = lookup::latest_common_path(view_, target, source, newest, none);
-        // What has a path at a stamp may have none now.
+        // Frames with a path at a stamp may have none in the newest tree.
         if (outcome != lookup::Outcome::kOk)
             return outcome == lookup::Outcome::kLapped ? outcome : lookup::Outcome::kOk;
         for (const auto* chain : {&newest.source_chain, &newest.target_chain}) {
@@ -37,7 +37,7 @@ public:
         }
         return outcome;
     }
-    /// The same of the edge from a frame to its newest parent.
+    /// The same for the edge from a frame to its newest parent.
     [[nodiscard]] lookup::Outcome edge(FrameId child, Failure& failure) const {
         StampNs newest = history::kNoStamp;
         FrameId parent = kNoFrame;
@@ -59,7 +59,7 @@ public:
         failure.commit = view_.commit();
         return lookup::Outcome::kFailed;
     }
-    /// The same of all that a question asks for; its handles are those of its frames in the view.
+    /// The same for all frames of a question; its handles are those of its frames in the view.
     [[nodiscard]] lookup::Outcome question(const Question& asked, Failure& failure) const {
         const FrameId target = asked.target.handle.id;
         const FrameId source = asked.source.handle.id;
@@ -67,7 +67,7 @@ public:
         switch (asked.kind) {
             case Question::kCommonTime:
             case Question::kCovered:
-                return outcome;  // of the history: it is what it is
+                return outcome;  // a question about the history: lifespans do not apply
             case Question::kEdge:
             case Question::kOwnEdge:
                 return edge(source, failure);
@@ -88,7 +88,7 @@ private:
     StampNs now_;
 };
 
-/// The outcome of a question, or kFailed where a lifespan that is over refuses its answer.
+/// The outcome of a question, or kFailed if an ended lifespan refuses its answer.
 template <lookup::View V, class NameOf>
 [[nodiscard]] lookup::Outcome unless_stale(const Store& store, const V& view, NameOf name_of,
                                            const Question& question, lookup::Outcome outcome,
@@ -99,7 +99,7 @@ template <lookup::View V, class NameOf>
     return Freshness(store, view, *lifespans, name_of).question(question, failure);
 }
 
-/// kOk, or kFailed where a lifespan on the path between two frames is over.
+/// kOk, or kFailed if a lifespan on the path between two frames has ended.
 template <lookup::View V, class NameOf>
 [[nodiscard]] lookup::Outcome path_unless_stale(const Store& store, const V& view, NameOf name_of,
                                                 FrameId target, FrameId source, Failure& failure) {

@@ -12,7 +12,7 @@ namespace {
 
 using wire::TransformView;
 
-/// Why no message can have the member.
+/// Why no message can hold the member; none if one can.
 std::optional<Error> fault_in_message(const TransformView& member, std::size_t index,
                                       const MessageRewriter::Origin& from) {
     const bool is_readable = clock::is_stamp(member.stamp) && store::is_text(member.parent) &&
@@ -50,13 +50,14 @@ std::span<const std::byte> MessageRewriter::rewrite(Bytes message, const Origin&
     return made;
 }
 
-/// Moves what cannot be read into `faults_`. Returns whether all members stay as they are.
+/// Moves unreadable members into `faults_`. Returns whether all members are unchanged.
 bool MessageRewriter::take_readable(const Origin& from) {
     faults_.clear();
     bool is_same = true;
     std::size_t index = 0;
     std::erase_if(members_, [&](TransformView& member) {
-        if (from.is_static && member.stamp > clock::kMaxStamp) {  // a store keeps no stamp of it
+        // a store ignores the stamp of a static transform
+        if (from.is_static && member.stamp > clock::kMaxStamp) {
             member.stamp = clock::kMaxStamp;
             is_same = false;
         }

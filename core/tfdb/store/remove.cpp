@@ -8,9 +8,9 @@
 namespace tfdb::store {
 namespace {
 
-/// What one call is to remove, and whether it may.
-/// Threads: the holder of the commit lock. Guarantee: each frame is looked at a few times, however
-/// many are removed; a leaf by itself needs no look at the others.
+/// The frames of one removal, and the checks on them.
+/// Threads: the holder of the commit lock. Guarantee: each frame is visited a few times, however
+/// many are removed; removing a single leaf visits no other frames.
 class Removal {
 public:
     Removal(Store& store, StoreCommit& commit, std::span<const std::string_view> names)
@@ -49,7 +49,7 @@ private:
             gone_.push_back(id);
     }
 
-    /// Whether a frame that is to go has a child that is not.
+    /// Whether a frame to be removed has a child that stays.
     [[nodiscard]] bool somebody_stays() const {
         std::uint64_t expected = 0;
         std::uint64_t going = 0;
@@ -69,7 +69,7 @@ private:
         for (FrameId id = 0; id < count; ++id) {
             if (!view.alive(id))
                 continue;
-            // kNoFrame is none of them, nor is what a damaged store names.
+            // Excludes kNoFrame and invalid ids in a damaged store.
             const FrameId parent = commit_.newest_parent(id);
             if (parent < count)
                 visit(parent, id);
@@ -85,7 +85,7 @@ private:
         }
     }
 
-    /// Of the first that is unknown: others would take too long under the commit lock.
+    /// For the first unknown frame only: more would take too long under the commit lock.
     [[nodiscard]] std::string hint(std::string_view name) const {
         return refusals_.empty() ? did_you_mean(store_, store_.committed(), name) : std::string();
     }
@@ -112,8 +112,8 @@ private:
     Store& store_;
     StoreCommit& commit_;
     std::span<const std::string_view> names_;
-    std::vector<FrameId> ids_;   // by place in the list
-    std::vector<FrameId> gone_;  // each once
+    std::vector<FrameId> ids_;   // by index in the list
+    std::vector<FrameId> gone_;  // without duplicates
     Refusals refusals_;
 };
 

@@ -16,7 +16,7 @@ namespace tfdb::store {
     return layout == Layout::kMatrix ? 16 : 7;
 }
 
-/// Where something lies in memory: its first byte and the one behind its last.
+/// A memory range: its first byte and the one behind its last.
 struct Bytes {
     std::uintptr_t begin, end;
 };
@@ -27,13 +27,13 @@ template <class Value>
     return {begin, begin + values.size_bytes()};
 }
 
-/// Rows of three numbers, `stride` numbers from one to the next.
+/// Rows of three numbers, `stride` numbers apart.
 template <class Number>
 [[nodiscard]] Bytes bytes_of_rows(const Number* first, std::size_t stride, std::size_t count) {
     return bytes_of(std::span(first, count == 0 ? 0 : stride * (count - 1) + 3));
 }
 
-/// Throws InvalidArgument where writing to `out` would change `what` before it is read.
+/// Throws InvalidArgument if writing to `out` would change `input` before it is read.
 inline void check_apart(Bytes input, Bytes out, const char* what) {
     if (input.begin < out.end && out.begin < input.end) {
         throw InvalidArgument(std::string("out overlaps ") + what +
@@ -41,7 +41,7 @@ inline void check_apart(Bytes input, Bytes out, const char* what) {
     }
 }
 
-/// Throws InvalidArgument if `out` has no room for a row of each stamp, or lies over the stamps.
+/// Throws InvalidArgument if `out` has no space for a row per stamp, or overlaps the stamps.
 inline void check_room(std::span<const StampNs> stamps, Layout layout, std::span<double> out) {
     const std::size_t needed = row_width(layout) * stamps.size();
     if (out.size() < needed) {
@@ -51,8 +51,8 @@ inline void check_room(std::span<const StampNs> stamps, Layout layout, std::span
     check_apart(bytes_of(stamps), bytes_of(out), "the stamps");
 }
 
-/// Throws InvalidArgument unless each point has a stamp or all share one, and `out` is the
-/// points themselves or lies apart from them, and from the stamps.
+/// Throws InvalidArgument unless each point has a stamp or all share one, and `out` is the points
+/// themselves or overlaps neither them nor the stamps.
 template <class Real>
 void check_points(const Real* points, std::size_t stride, std::size_t count,
                   std::span<const StampNs> stamps, const Real* out, std::size_t out_stride) {
@@ -68,10 +68,10 @@ void check_points(const Real* points, std::size_t stride, std::size_t count,
     }
 }
 
-/// Between so many edges a long batch may end.
+/// A long batch can be interrupted after this number of edges.
 inline constexpr std::size_t kEdgesBetweenEnds = 256;
 
-/// Throws InvalidArgument if `out` has no room for a row of each frame.
+/// Throws InvalidArgument if `out` has no space for a row per frame.
 template <class Real>
 void check_room(std::span<const FrameRef> frames, std::span<Real> out) {
     const std::size_t needed = 7 * frames.size();

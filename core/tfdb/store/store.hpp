@@ -1,4 +1,4 @@
-// What a Buffer and its Snapshots share, and how a read gets its view.
+// The common state of a Buffer and its Snapshots, and the views of their reads.
 #pragma once
 
 #include <array>
@@ -43,7 +43,7 @@ class BasicWaits;
 struct Store;
 using Waits = BasicWaits<Store>;
 
-/// The region with the forest in it, and what only the writers of this process need.
+/// The region that holds the forest, and the data of this process's writers.
 /// Threads: reads any; `scratch`, `items` and `samples` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
 struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
@@ -51,13 +51,13 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     using WaitGroup = sync::WaitGroup;
 
     explicit Store(const BufferOptions& options);
-    /// One that processes share. Throws CorruptStore.
+    /// A store shared by processes. Throws CorruptStore.
     explicit Store(memory::SharedFile file);
     ~Store() override;
 
-    /// What the region of a store looks like in this program, as a number.
+    /// A number for this program's layout of a store's region.
     [[nodiscard]] static std::uint64_t layout();
-    /// The forest in a region, made where it is missing. Throws CapacityExceeded, CorruptStore.
+    /// The forest in a region, created if missing. Throws CapacityExceeded, CorruptStore.
     [[nodiscard]] static graph::Frames<StoreMemory> forest_in(StoreMemory& memory,
                                                               const BufferOptions& options);
 
@@ -65,30 +65,30 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
     [[nodiscard]] StoreView view(CommitNumber commit) const { return {frames, commit, history}; }
 
-    /// The newest commit, or epoch, instead of what is held or being read, where that keeps as much
-    /// memory as it may.
+    /// Of held states and reads in progress. If these keep as much memory as allowed, the newest
+    /// commit or epoch instead.
     [[nodiscard]] CommitNumber oldest_read() override;
     [[nodiscard]] std::uint64_t begin_epoch() override;
     [[nodiscard]] std::uint64_t next_epoch() override {
-        // What is taken out of use must be so before: others may begin epochs meanwhile.
+        // Blocks must be retired before this: other processes may begin epochs meanwhile.
         sync::fence_full();
         return word(graph::kEpoch).load_relaxed() + 1;
     }
     void held(std::uint64_t bytes) override { word(graph::kHeldBytes).fetch_add(bytes); }
-    /// After the death of a process that held the commit lock.
+    /// Call after the death of a process that held the commit lock.
     void repair() noexcept override;
     [[nodiscard]] bool must_sweep(std::uint64_t deaths, bool died_in_memory) const;
-    /// Gives back blocks that deaths left unused. Older states that are held are given up, and
-    /// reads that began before this epoch begin again: it began behind all that is out of use.
+    /// Frees blocks that deaths lost. It drops older held states, and reads that began before this
+    /// epoch restart. The epoch began after everything was retired.
     void sweep(std::uint64_t epoch);
     /// Returns unused memory to the system; the caller holds the commit lock and is the only
-    /// writer. False, and nothing was returned: an older state is held, or a read that was
-    /// overtaken again and again is under way.
+    /// writer. False: it did nothing, because an older state is held or a repeatedly overtaken read
+    /// is in progress.
     bool compact();
-    /// Whether what no new read needs is more than may be kept.
+    /// Whether data that no new read needs exceed the limit.
     [[nodiscard]] bool keeps_too_much() const;
-    /// Starts a commit. The caller holds the commit lock; no other writer is active.
-    /// Of a writer of this store, or of a source by its number.
+    /// Starts a commit, of a writer of this store or of a source by its number. The caller holds
+    /// the commit lock; no other writer is active.
     [[nodiscard]] StoreCommit start_commit() {
         return {frames, scratch, history, *this, 0, local()};
     }
@@ -106,30 +106,30 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     [[nodiscard]] std::uint64_t author_number(std::string_view name) {
         return authorities.id(name);
     }
-    /// The source of a commit that a writer of this store makes: see txn::Commit.
+    /// The source number of a commit by a writer of this store: see txn::Commit.
     [[nodiscard]] std::uint64_t local() const {
         return positions.empty() ? history::SourceWord::kNoSources : 0;
     }
-    /// The source that alone may write the samples of a frame's edge.
+    /// The only source that may write the samples of a frame's edge.
     [[nodiscard]] std::optional<std::string> writer_of(FrameId id) const {
         if (positions.empty()) [[likely]]
             return std::nullopt;
         const std::uint64_t word = frames.word(id, history::kSource).load_relaxed();
         return owner(history::SourceWord::writer(word));
     }
-    /// The source that alone may remove a frame: it made the frame, or wrote its samples.
+    /// The only source that may remove a frame: it created the frame, or wrote its samples.
     [[nodiscard]] std::optional<std::string> remover_of(FrameId id) const;
-    /// Throws ReadOnly where the commit changes what belongs to a source.
+    /// Throws ReadOnly if the commit changes a source's data.
     void check_writable(const StoreCommit& commit) const;
     [[nodiscard]] history::Readers& readers() { return *this; }
     [[nodiscard]] std::string author_name(std::uint64_t number) const;
     /// The last writer of the frame.
     [[nodiscard]] std::string author(FrameId id) const;
-    /// In which its commits are numbered.
+    /// The epoch that numbers its commits.
     [[nodiscard]] Epoch epoch() const;
 
-    /// Throws Forked where the store is an orphan: this process was forked from one in which some
-    /// thread was at work in the store. That thread is not here, so its locks stay taken.
+    /// Throws Forked if the store is an orphan: this process was forked while a thread was active
+    /// in the store. That thread does not exist here, so its locks stay taken.
     void check_not_orphaned() const {
         if ((whereabouts() & kOrphan) != 0) [[unlikely]]
             throw_orphaned();
@@ -141,23 +141,23 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
         std::size_t index;
     };
     static constexpr std::uint64_t kOrphan = 1;
-    static constexpr std::uint64_t kNamesLost = 2;  // a thread was using the names of authorities
+    static constexpr std::uint64_t kNamesLost = 2;  // a thread was using the authorities' names
     static constexpr unsigned kForksShift = 2;
 
-    /// As Positions::owner; also of 0, which is none.
+    /// As Positions::owner; 0 is no source.
     [[nodiscard]] std::optional<std::string> owner(std::uint64_t number) const {
         return number == 0 ? std::nullopt : positions.owner(number);
     }
 
-    /// A setting of the clock: time, since when, speed, and what it does.
+    /// A setting of the clock: time, start, speed, and mode.
     using ClockWords = sync::Published<4>;
     static constexpr std::uint64_t kSystemClock = 0;
     static constexpr std::uint64_t kRunningClock = 1;
     static constexpr std::uint64_t kPausedClock = 2;
     static_assert(ClockWords::kWords == memory::Control::kClockWords);
 
-    /// Flags of this process's copy after a fork. The first thread that asks sets them: no thread
-    /// has taken a lock here before.
+    /// Flags of this process's copy after a fork. The first caller sets them: no thread has taken a
+    /// lock here before.
     [[nodiscard]] std::uint64_t whereabouts() const {
         const std::uint64_t home = home_process.load_acquire();
         return home >> kForksShift == sync::forks() ? home : look_around(home);
@@ -168,9 +168,9 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     void note_reads();
     /// A forked child takes a slot of its own for its pins.
     void forked() noexcept override;
-    /// Of this process, made when first asked for.
+    /// Of this process, created on first use.
     [[nodiscard]] Waits& waits() const;
-    /// How often the store was removed, as its control file counts.
+    /// How often the store was removed, according to its control file.
     [[nodiscard]] std::uint64_t removals() const {
         return has_control() ? shared->control->removals().load_acquire() : 0;
     }
@@ -181,49 +181,49 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
                                              CommitNumber newest) const;
     [[noreturn]] void throw_orphaned() const;
 
-    std::unique_ptr<memory::SharedFile> shared;  // null: of this process alone
+    std::unique_ptr<memory::SharedFile> shared;  // null: a private store
     // For a process whose pins writers cannot see.
     std::unique_ptr<std::array<sync::Word, 2 * graph::kPinWords>> unseen_pins;
-    mutable sync::Word own_commit_event{};  // of a store of this process alone
-    sync::Word& commit_event;               // notified behind each commit
+    mutable sync::Word own_commit_event{};  // of a private store
+    sync::Word& commit_event;               // notified after each commit
     std::array<sync::Word, memory::Control::kClockWords> own_clock_words{};
     sync::Word own_clock_event{};
-    sync::Word* clock_words;  // where there is a control file, its
+    sync::Word* clock_words;  // the control file's, if there is one
     sync::Word& clock_event;
-    mutable sync::Word waits_ended{};  // 1: of this process, for ever
+    mutable sync::Word waits_ended{};  // 1: this process has ended its waits for ever
     StoreMemory memory;
     graph::Frames<StoreMemory> frames;
     StampNs history;
-    sync::Pointer<const Lifespans> lifespans;  // null: none is enforced
+    sync::Pointer<const Lifespans> lifespans;  // null: none are enforced
     std::size_t snapshot_memory;
     Concurrency concurrency;
     graph::Names<StoreMemory> names;
     graph::Pins<StoreMemory> held_pins;  // of states
-    graph::Pins<StoreMemory> read_pins;  // of epochs, by reads that were overtaken
-    sync::Word process_lock{};           // of a shared store: the threads here take turns
+    graph::Pins<StoreMemory> read_pins;  // of epochs, by overtaken reads
+    sync::Word process_lock{};           // of a shared store: serialises this process's threads
     mutable WriterLock lock;
     txn::CommitScratch scratch;
     std::vector<Item> items;
     std::vector<history::NewSample<StoreMemory>> samples;  // of one edge
-    std::vector<std::size_t> members;                      // of the batch, that these are
+    std::vector<std::size_t> members;                      // their indices in the batch
     mutable Authorities authorities;
     Positions positions;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};
-    sync::Word aborts{};                // of transactions, conflicts included
-    sync::Word conflicts{};             // transactions that lost
+    sync::Word aborts{};                // of transactions, including conflicts
+    sync::Word conflicts{};             // transactions aborted by a conflict
     mutable sync::Word home_process{};  // forks, and the flags above
-    sync::Word ages{};                  // transactions so far: the age of the next one
+    sync::Word ages{};                  // number of transactions: the age of the next one
     mutable sync::Pointer<Waits> waits_here;
     std::vector<std::unique_ptr<const Lifespans>>
-        lifespans_so_far;            // reads may be under way in each
+        lifespans_so_far;            // concurrent reads may use any of them
     std::unique_ptr<Engine> engine;  // null: the default engine
 };
 
-/// Exclusive use of the store: the commit lock is held and, in engines with parallel operations,
-/// none is under way.
-/// Threads: one. Guarantee: blocks until all that came before are done; the wait for the lock may
-/// end as that lock says, what is done with it may not.
+/// Exclusive use of the store: holds the commit lock, and in engines with parallel operations
+/// excludes all of them.
+/// Threads: one. Guarantee: blocks until earlier operations have ended. The wait for the lock can
+/// be interrupted as that lock's; work under it cannot.
 class Alone {
 public:
     explicit Alone(const Store& store) : store_(store), guard_(store.lock) {
@@ -250,14 +250,14 @@ inline void check_not_in_transaction(const Store& store) {
     if (TransactionLife::any(store, false))
         throw_transaction_active("use the transaction's methods, or end it first");
 }
-/// The same, where only a transaction that runs alone is in the way.
+/// The same, but only a transaction that runs alone is refused.
 inline void check_not_alone_in_transaction(const Store& store) {
     store.check_not_orphaned();
     if (TransactionLife::any(store, true))
         throw_transaction_active("it runs alone: end it first");
 }
 
-/// Before a thread takes the store to itself: it would wait for a transaction of its own for ever.
+/// Call before a thread takes exclusive use: with an open transaction of its own it would deadlock.
 /// Throws TransactionActive, Forked.
 inline void check_may_wait(const Store& store) {
     if (store.engine != nullptr)
@@ -266,7 +266,7 @@ inline void check_may_wait(const Store& store) {
         check_not_alone_in_transaction(store);
 }
 
-/// Reads that begin while it lives are not overtaken, and the newest state stays as it is.
+/// Reads that begin during its lifetime are not overtaken, and the newest state stays unchanged.
 /// Threads: one. Guarantee: wait-free.
 class ReadPin {
 public:
@@ -277,8 +277,8 @@ private:
     graph::Pin<StoreMemory> epoch_;
 };
 
-/// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
-/// that succeed need not ask; listings, and errors, must.
+/// kLapped if a missing frame may be one whose slot was reused since. Successful lookups need no
+/// check; listings and errors do.
 template <class AnyStore>
 [[nodiscard]] lookup::Outcome unless_reused(const AnyStore& store, CommitNumber commit,
                                             lookup::Outcome outcome) {
@@ -291,8 +291,8 @@ template <class AnyStore>
 [[nodiscard]] bool ask(const Store& store, CommitNumber held, Question& question, Answer& answer,
                        Failure& failure);
 
-/// Repeats a read that a writer overtook: a few times, then with pins that keep its state, unless
-/// held states keep as much memory as they may. kLapped: the held commit's samples are gone.
+/// Repeats an overtaken read: a few times, then with pins that keep its state, unless held states
+/// keep as much memory as allowed. kLapped: the held commit's samples are gone.
 [[nodiscard]] lookup::Outcome read_again(const Store& store, CommitNumber held,
                                          const std::function<lookup::Outcome()>& once);
 
@@ -312,13 +312,13 @@ lookup::Outcome read_committed(const Store& store, CommitNumber held, Attempt at
     return read_again(store, held, std::cref(once));
 }
 
-/// Throws the error of a state that cannot be read: SnapshotTooOld, or CorruptStore for a frozen
-/// store, which has no writers. `held`: as in `read_committed`.
+/// Throws the error of an unreadable state: SnapshotTooOld, or CorruptStore for a frozen store,
+/// which has no writers. `held`: as in `read_committed`.
 [[noreturn]] void throw_unreadable(const Store& store, CommitNumber held);
 
-/// As `read_committed`, but false for kFailed, and a throw for kLapped. Engines that guard frames
-/// may have commits under way that are numbered already: there a read of the newest state is alone
-/// from the start.
+/// As `read_committed`, but returns false for kFailed and throws for kLapped. Engines that guard
+/// frames may have numbered commits in progress: there a read of the newest state runs alone from
+/// the start.
 template <class Attempt>
 bool read(const Store& store, CommitNumber held, Attempt attempt) {
     lookup::Outcome outcome{};
@@ -334,7 +334,7 @@ bool read(const Store& store, CommitNumber held, Attempt attempt) {
     return outcome == lookup::Outcome::kOk;
 }
 
-/// "(removed)" where the slot was reused since.
+/// "(removed)" if the slot was reused since.
 [[nodiscard]] inline std::string name_of_frame(const Store& store, FrameId id,
                                                std::uint32_t generation) {
     if (id < store.frames.count()) {

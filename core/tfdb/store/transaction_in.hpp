@@ -1,4 +1,4 @@
-// A transaction in the session of some engine, with frame names and typed errors.
+// A transaction in an engine's session, with frame names and typed errors.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +27,7 @@ namespace tfdb::store {
 template <txn::Session S>
 class TransactionIn final : public EngineTransaction, private txn::Workspace<S> {
 public:
-    /// `session`: what S is made from.
+    /// `session`: arguments of S.
     template <class... Args>
     TransactionIn(Store& store, bool alone, Args&&... session)
         : Workspace(store.frames, store.history,
@@ -157,7 +157,7 @@ public:
     void remove_frames(std::span<const std::string_view> names, bool recursive) override {
         Refusals refusals;
         std::vector<FrameId> gone;
-        std::vector<std::size_t> places;  // in `names`, of each that is gone
+        std::vector<std::size_t> places;  // index in `names` of each removed one
         std::unordered_set<FrameId> seen;
         for (std::size_t i = 0; i < names.size(); ++i) {
             const FrameId id = find(names[i]);
@@ -173,7 +173,7 @@ public:
         std::vector<FrameId> children;
         for (std::size_t i = 0; i < gone.size(); ++i) {
             (void)needed(this->children_of(gone[i], children));
-            // Before the commit has judged them, own relations may run in a circle.
+            // Before the commit has validated them, own relations may form a cycle.
             std::erase_if(children, [&](FrameId child) { return seen.contains(child); });
             if (recursive) {
                 seen.insert(children.begin(), children.end());
@@ -224,12 +224,12 @@ private:
             names.push_back(frame_name(frame));
         return names;
     }
-    /// The same, unless the frame's slot may have been reused while it was read.
+    /// The same, unless the frame's slot may have been reused during the read.
     [[nodiscard]] Outcome confirmed(const View& view, FrameId id, Outcome outcome) const {
         StoreMemory::fence_acquire();
         return view.alive(id) ? this->unless_reused(view, outcome) : Outcome::kLapped;
     }
-    /// What is known of a frame, its name aside.
+    /// Fills in the data of a frame, except its name.
     [[nodiscard]] Outcome fill(const View& view, FrameId id, FrameInfo& info) const {
         const auto* const own = this->writes().edge(id);
         info = FrameInfo{};
@@ -255,7 +255,7 @@ private:
         info.name = frame_name(id);
         return confirmed(view, id, outcome);
     }
-    /// All frames, sorted by name, each with what `look(view, id, info)` found out.
+    /// All frames, sorted by name, each with the result of `look(view, id, info)`.
     template <class Look>
     [[nodiscard]] std::vector<FrameInfo> collected(Look look) {
         std::vector<FrameInfo> infos;
@@ -290,7 +290,7 @@ private:
         if (outcome == Outcome::kFailed)
             throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
     }
-    /// Throws Conflict where the transaction has a conflict.
+    /// Throws Conflict if the transaction has a conflict.
     Outcome needed(Outcome outcome) {
         if (outcome == Outcome::kLapped)
             throw_lost("the data that it read were changed or overwritten", read_as_of());
@@ -307,7 +307,7 @@ private:
         return found != kNoFrame ? found : this->writes().make(name);
     }
 
-    /// Judges every member. Throws the first one's error, with all that are refused in it.
+    /// Validates every member. Throws the first one's error, which lists all rejected members.
     void check(std::span<const TransformView> batch, bool is_static, std::string_view authority) {
         Refusals refusals;
         std::size_t unknown = 0;
@@ -329,14 +329,14 @@ private:
             refusals.raise(std::to_string(batch.size()) + " transforms");
         check_room(unknown);
     }
-    /// New frames have ids from the top downward, until they meet those of the store.
+    /// New frames get ids from the top downward, until they meet those of the store.
     void check_room(std::size_t unknown) {
         if (unknown != 0 && this->writes().made() + unknown + store_.frames.count() > kMaxFrames)
             throw CapacityExceeded("a transaction cannot make so many frames: a store holds " +
                                    std::to_string(kMaxFrames) + " in all");
     }
 
-    /// As fault_of_edge, of the edge as this transaction sees it.
+    /// As fault_of_edge, for the edge as this transaction sees it.
     [[nodiscard]] Fault fault_of_own_edge(FrameId child, const TransformView& transform,
                                           std::size_t index, bool is_static,
                                           std::string_view authority) {

@@ -1,4 +1,4 @@
-// The life of a transaction: the thread and stage of its use, and its end with its thread.
+// The life of a transaction: its owner thread, its stage, and its end with that thread.
 #pragma once
 
 #include <memory>
@@ -13,11 +13,11 @@ namespace tfdb::store {
 
 class EngineTransaction;
 
-/// A transaction from its making to its end, and, while it is open, an entry in its thread's list.
-/// Threads: `begin` any, the first one has it from then on; `call` only that one, others get
-/// WrongThread; `stage` and `release` any.
-/// Guarantee: ends once; what is open when its thread ends is rolled back. A second end waits
-/// for the first.
+/// A transaction from creation to end and, while it is open, an entry in its thread's list.
+/// Threads: any may call `begin`, and the first caller becomes the owner; only the owner may call
+/// `call`, others get WrongThread; any may call `stage` and `release`.
+/// Guarantee: ends once; an open transaction is rolled back when its thread ends. A second end
+/// waits for the first.
 class TransactionLife {
 public:
     using Stage = Transaction::Stage;
@@ -33,14 +33,14 @@ public:
     void check() const;
     /// Throws WrongThread.
     void check_thread() const;
-    /// Ends an open one by rolling back; counts that unless it was committed.
+    /// Ends an open transaction by rolling back, and counts that unless it was committed.
     void end(Stage how) noexcept;
-    /// Ends it, and frees it once its thread's list does not have it any more.
+    /// Ends it, and frees it once its thread's list no longer contains it.
     void release() noexcept;
 
-    /// What `body(transaction)` returns. A Conflict ends it, and so does every exception that
-    /// is not an Error: memory may have run out in a write, and half of one must never be
-    /// committed.
+    /// Returns the result of `body(transaction)`. A Conflict ends the transaction, and so does
+    /// every exception that is not an Error: memory may have run out during a write, and half a
+    /// write must never be committed.
     template <class Body>
     auto call(Body body) {
         check();
@@ -59,7 +59,7 @@ public:
     }
     CommitNumber commit();
 
-    /// An open one that is about to end counts as ended.
+    /// An open transaction that is about to end counts as ended.
     [[nodiscard]] Stage stage() const noexcept;
     [[nodiscard]] CommitNumber committed() const noexcept { return committed_; }
     [[nodiscard]] bool has_written() const noexcept { return has_written_; }
@@ -67,15 +67,15 @@ public:
     [[nodiscard]] std::uint64_t age() const noexcept { return options_.age; }
     [[nodiscard]] const EngineTransaction& transaction() const { return *transaction_; }
 
-    /// Rolls back what this thread has open, as its end would.
+    /// Rolls back this thread's open transactions, as its end would.
     static void end_thread() noexcept;
-    /// Whether this thread has an open one of the store (that runs alone, if `alone`).
+    /// Whether this thread has an open transaction of the store (one that runs alone, if `alone`).
     [[nodiscard]] static bool any(const Store& store, bool alone) noexcept {
         return head != nullptr && find(store, alone);
     }
 
 private:
-    ~TransactionLife();  // by the last of those that have it
+    ~TransactionLife();  // called by the last holder
 
     static void sweep() noexcept;
     void drop() noexcept;
@@ -83,7 +83,7 @@ private:
     [[nodiscard]] static std::uint64_t this_thread() noexcept;
     [[nodiscard]] static bool find(const Store& store, bool alone) noexcept;
 
-    // Above the stages: it is being rolled back.
+    // A flag besides the stage: it is being rolled back.
     static constexpr std::uint64_t kEnding = 1 << 8;
 
     static inline constinit thread_local TransactionLife* head = nullptr;
@@ -95,11 +95,11 @@ private:
     std::optional<Conflict> lost_to_;
     CommitNumber committed_ = 0;
     bool has_written_ = false;
-    std::uint64_t forks_ = sync::forks();  // in a forked child it has no owner
+    std::uint64_t forks_ = sync::forks();  // a forked child has no owner of it
     TransactionLife* next_ = nullptr;      // in its thread's list
     sync::Word thread_{};                  // its owner; 0: not begun
     sync::Word state_{};                   // a Stage
-    sync::Word holders_{};                 // its maker, and the list
+    sync::Word holders_{};                 // its creator and the list
 };
 
 [[noreturn]] void throw_transaction_active(const char* what);

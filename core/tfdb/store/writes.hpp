@@ -1,5 +1,5 @@
-// What every way of storing samples shares: batches that are judged, samples that are filled, and
-// the one commit that stores a batch.
+// Common parts of all ways to store samples: validated batches, filled samples, and the commit that
+// stores a batch.
 #pragma once
 
 #include <bit>
@@ -13,9 +13,9 @@
 
 namespace tfdb::store {
 
-/// A batch as it came, and whether its numbers, stamps and parents are sound: all that can be
-/// judged before any lock is taken.
-/// Threads: a value. Guarantee: wait-free; the members are the caller's and outlive it.
+/// A batch as passed by the caller, and whether its numbers, stamps and parents are valid: all
+/// checks that need no lock.
+/// Threads: a value. Guarantee: wait-free; the members are the caller's and must outlive it.
 class Batch {
 public:
     Batch(std::span<const TransformView> members, bool is_static, std::string_view authority,
@@ -25,7 +25,7 @@ public:
           rules_(rules),
           is_static_(is_static),
           sound_(is_sound(members, is_static)) {}
-    /// Other members, written in the same way.
+    /// The same options with other members.
     [[nodiscard]] Batch with(std::span<const TransformView> members) const {
         return {members, is_static_, authority_, rules_};
     }
@@ -36,7 +36,7 @@ public:
     [[nodiscard]] bool is_static() const { return is_static_; }
     [[nodiscard]] std::string_view authority() const { return authority_; }
     [[nodiscard]] WriteRules rules() const { return rules_; }
-    /// If not, `commit_batch` throws; other ways to store leave such a batch to it.
+    /// If false, `commit_batch` throws; other ways to store leave such a batch to it.
     [[nodiscard]] bool sound() const { return sound_; }
 
 private:
@@ -47,16 +47,17 @@ private:
     bool sound_;
 };
 
-/// Whether a quaternion is so far off that its mending counts.
+/// Whether a quaternion's norm is so far from one that its normalisation counts.
 [[nodiscard]] inline bool counts_as_mended(const geometry::Quat& q) {
     return std::abs(geometry::norm_squared(q) - 1.0) > 2e-9;
 }
 
-/// Fills the sample word by word: copied as a block, the pose would go through memory and stall.
+/// Fills the sample word by word: a block copy of the pose would go through memory and stall.
 inline void fill_payload(const Pose& pose, history::NewSample<StoreMemory>& sample) {
     const geometry::Vec3& t = pose.translation;
     geometry::Quat q = pose.rotation;
-    // A unit quaternion is off by two roundings at most: it stays as it is, bit for bit.
+    // The norm of a unit quaternion differs from one by at most two roundings: it is stored
+    // unchanged.
     constexpr double kRoundings = 4.5e-16;
     if (std::abs(geometry::norm_squared(q) - 1.0) > kRoundings)
         q = geometry::normalized(q);
@@ -65,7 +66,7 @@ inline void fill_payload(const Pose& pose, history::NewSample<StoreMemory>& samp
         sample.payload[i] = std::bit_cast<std::uint64_t>(numbers[i]);
     }
 }
-/// The whole sample; whether its mending counts.
+/// Fills the whole sample; returns whether its normalisation counts.
 inline bool fill_from(const TransformView& transform, FrameId parent, bool is_static,
                       history::NewSample<StoreMemory>& sample) {
     sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
@@ -74,7 +75,7 @@ inline bool fill_from(const TransformView& transform, FrameId parent, bool is_st
     return counts_as_mended(transform.pose.rotation);
 }
 
-/// The same, counted at once: for a sample that cannot be refused any more.
+/// The same, counted at once: for a sample that can no longer be refused.
 inline void fill_sample(Store& store, const TransformView& transform, FrameId parent,
                         bool is_static, history::NewSample<StoreMemory>& sample) {
     if (fill_from(transform, parent, is_static, sample))
@@ -84,8 +85,8 @@ inline void fill_sample(Store& store, const TransformView& transform, FrameId pa
 /// Throws InvalidArgument.
 void check_rules(WriteRules rules, bool is_static);
 
-// The caller of these holds the commit lock, and nothing else writes. What they throw leaves the
-// store as it was.
+// The caller of these holds the commit lock, and no other write is in progress. If they throw, the
+// store is unchanged.
 
 /// Stores all of a batch in one commit; returns its number. Throws as Buffer::write.
 CommitNumber commit_batch(Store& store, const Batch& batch);
