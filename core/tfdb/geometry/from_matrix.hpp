@@ -18,7 +18,7 @@ inline constexpr double kRigidTolerance = 5e-3;
 /// transposed matrix does not pass as rounding.
 inline constexpr double kLastRowTolerance = 1e-6;
 
-/// Why a 4x4 matrix is no rigid transform, and by how much.
+/// The violation that keeps a 4x4 matrix from being a rigid transform, and its amount.
 struct RigidFault {
     enum Kind : unsigned char { kNone, kNotFinite, kLastRow, kReflection, kScale, kShear };
     Kind kind = kNone;

@@ -22,7 +22,8 @@
 
 namespace tfdb::history {
 
-/// The state of readers that writers depend on. Threads and guarantee: the implementation's.
+/// The state of readers that writers depend on.
+/// Threads: those of the implementation. Guarantee: that of the implementation.
 class Readers {
 public:
     Readers() = default;

@@ -144,7 +144,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     static constexpr std::uint64_t kNamesLost = 2;  // a thread was using the authorities' names
     static constexpr unsigned kForksShift = 2;
 
-    /// As Positions::owner; 0 is no source.
+    /// As Positions::owner; empty for 0.
     [[nodiscard]] std::optional<std::string> owner(std::uint64_t number) const {
         return number == 0 ? std::nullopt : positions.owner(number);
     }
