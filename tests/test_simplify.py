@@ -157,7 +157,7 @@ def test_huge_numbers() -> None:
 @pytest.mark.parametrize("bad", [-1.0, math.nan, "1", None, True, [0.1]])
 def test_tolerances_that_are_none(bad: Any) -> None:
     path = smooth_path(5, 1)
-    with pytest.raises(tfdb.InvalidArgument, match="metres must be a number from 0 on, got"):
+    with pytest.raises(tfdb.InvalidArgument, match="metres must be a number >= 0, got"):
         path.simplify(bad, 0.1)
-    with pytest.raises(tfdb.InvalidArgument, match="radians must be a number from 0 on, got"):
+    with pytest.raises(tfdb.InvalidArgument, match="radians must be a number >= 0, got"):
         path.simplify(0.1, bad)

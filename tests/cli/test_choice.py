@@ -102,10 +102,10 @@ def test_echo_and_change_notifier(tool: Any, bag: Path) -> None:
 def test_stores_refuse_options_of_recordings(tool: Any, bag: Path, tmp_path: Path) -> None:
     frozen = tmp_path / "all.tfdb"
     tfdb.load(bag).freeze(frozen)
-    words = "is a frozen store, read as it is: --frame, --prefix goes with recordings"
+    words = "is a frozen store, read as a whole: --frame, --prefix goes with recordings"
     given = ("--prefix", "r/", "--frame", "map")
     assert words in tool("tree", frozen, *given, code=2).error
-    assert "is a graph, read as it is" in tool("tree", "ros1:", "--keep", "3", code=2).error
+    assert "is a graph, read as a whole" in tool("tree", "ros1:", "--keep", "3", code=2).error
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_stores_refuse_options_of_recordings(tool: Any, bag: Path, tmp_path: Pat
         (("--start", "latest"), "'latest' is not a bound"),
         (("--rename", "map=world"), "'map=world' is not FROM:=TO"),
         (("--keep", "-3"), "negative"),
-        (("--keep", "0"), "keep is how many seconds"),
+        (("--keep", "0"), "keep must be a positive number of seconds"),
         (("--frame", "base_lnk"), "did you mean 'base_link'"),
         (("--exclude", "*"), "all 7,180 transforms are left out by exclude="),
     ],

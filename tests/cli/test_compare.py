@@ -169,12 +169,12 @@ def test_pictures(
 def test_refusals(tool: Tool, folder: Path, bag: Path) -> None:
     truth, slam = folder / "truth.tum", folder / "slam.csv"
     said = tool("compare", truth, bag, code=2).error
-    assert "holds frames: name two with --estimate-frames TARGET SOURCE" in said
+    assert "holds many frames: name two with --estimate-frames TARGET SOURCE" in said
     said = tool("compare", bag, truth, "--frames", "map", "base_lonk", code=2).error
     assert "did you mean 'base_link'" in said
     assert "no such file" in tool("compare", truth, folder / "slom.csv", code=2).error
     said = tool("compare", truth, slam, "--keep", "5", code=2).error
-    assert "these are trajectories" in said
+    assert "do not apply to trajectory files" in said
     said = tool("compare", truth, slam, "--offset", "guess", code=2).error
     assert "write seconds" in said
     assert "no time in common" in tool("compare", truth, slam, "--offset", "500", code=2).error
@@ -197,7 +197,7 @@ def test_kitti_row_by_row(tool: Tool, tmp_path: Path) -> None:
     python = tfdb.compare(truth, slam)
     assert body["ape"]["translation_m"]["rmse"] == python.ape_translation.rmse
     assert "needs stamps" in tool("compare", truth, slam, "--delta-unit", "s", code=2).error
-    assert "row by row" in tool("compare", truth, slam, "--offset", "1", code=2).error
+    assert "ignores stamps" in tool("compare", truth, slam, "--offset", "1", code=2).error
     tool("plot", truth, "compare", slam, "--save", tmp_path / "rows.png")
 
 
@@ -216,7 +216,10 @@ def test_salvage_and_units(tool: Tool, tmp_path: Path) -> None:
         file.write_text("\n".join(ms))
     body = tool("compare", truth, slam, "--stamp-unit", "ms", "--json").json
     assert (body["start_ns"], body["matched"]) == (10**9, 50)
-    assert "can be chosen" in tool("compare", truth, slam, "--frame", "a", code=2).error
+    assert (
+        "do not apply to trajectory files"
+        in tool("compare", truth, slam, "--frame", "a", code=2).error
+    )
 
 
 def test_a_suspected_order_of_quaternions(tool: Tool, tmp_path: Path) -> None:

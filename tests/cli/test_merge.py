@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +12,10 @@ import tfdb
 from tfdb.recordings import Recording, RecordingWriter
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from conftest import Tool
 
 S = 1_000_000_000
+ROBOTS = Path(__file__).parents[1] / "cases" / "two_robots.mcap"
 TURN = (0.0, 0.6, 0.0, 0.8)
 
 
@@ -178,7 +178,7 @@ def test_contradicting_files_are_refused_and_may_be_mixed(tool: Tool, tmp_path: 
     ("arguments", "words"),
     [
         (("a",), "nothing to merge"),
-        (("a", "b", "--prefix", "x/"), "2 files, 1 prefixes"),
+        (("a", "b", "--prefix", "x/"), "give --prefix once per FILE: got 1 for 2 files"),
         (("a", "none.bag"), "no such file"),
         (("a", "a"), "is given twice"),
         (("a", "b", "--exclude", "*"), "left out"),
@@ -232,6 +232,14 @@ def test_misuse_of_rename(
     out = tmp_path / "out.bag"
     assert words in tool("rename", bag, "-o", out, *arguments, code=2).error
     assert not out.exists()
+
+
+def test_rename_puts_the_frames_of_each_group_under_its_prefix(tool: Tool, tmp_path: Path) -> None:
+    robots, out = ROBOTS, tmp_path / "out.mcap"
+    tool("rename", robots, "-o", out, "--by-namespace", "--rename", "robot1/odom:=world")
+    found = tfdb.load(out)
+    assert found.parent_of("robot1/base_link") == "world"
+    assert found.parent_of("robot2/base_link") == "robot2/odom"
 
 
 def test_check_and_gaps_use_the_selection(tool: Tool, tmp_path: Path) -> None:
@@ -301,7 +309,7 @@ def test_a_file_of_which_nothing_is_merged_is_named(tool: Tool, tmp_path: Path) 
     one = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
     other = record(tmp_path / "b.mcap", {("table", "cup"): range(9)})
     ran = tool("merge", one, other, "-o", tmp_path / "both.mcap", "--exclude", "cup")
-    assert f"tfdb: warning: {other}: nothing of it is merged" in ran.err
+    assert f"tfdb: warning: {other}: none of its transforms is merged" in ran.err
 
 
 def test_one_frame_is_not_given_two_names(tool: Tool, tmp_path: Path) -> None:

@@ -116,13 +116,13 @@ def test_comparisons_have_the_options_of_compare(tool: Tool, bag: Path, here: Pa
     assert f"{len(found):,} poses; {errors}{rest}" in shown
     assert "base_link in odom against base_link in map" in shown
     said = tool("plot", bag, "compare", bag, "--overwrite", code=2).error
-    assert "holds frames: name two after ESTIMATE: TARGET SOURCE" in said
+    assert "holds many frames: name two after ESTIMATE: TARGET SOURCE" in said
     tool("poses", bag, "map", "base_link", "--rate", "20", "-o", "a.tum")
     tool("poses", bag, "map", "base_link", "--rate", "13", "-o", "b.tum")
     tool("plot", "a.tum", "compare", "b.tum", "--offset", "0.1", "--save", "svg")
     assert "b.tum against a.tum" in drawn(here / "a_compare.svg")
     said = tool("plot", "a.tum", "compare", "b.tum", "--keep", "5", code=2).error
-    assert "these are trajectories" in said
+    assert "do not apply to trajectory files" in said
 
 
 def test_timelines_fold(tool: Tool, bag: Path, here: Path) -> None:
@@ -142,7 +142,7 @@ def test_timelines_fold(tool: Tool, bag: Path, here: Path) -> None:
         (("trajectory", "map"), "tfdb plot FILE trajectory TARGET SOURCE [SOURCE ...]"),
         (("trajectory",), "has 32 moving edges: name TARGET and SOURCE"),
         (("compare",), "tfdb plot FILE compare ESTIMATE"),
-        (("tree", "map"), "a tree takes no frames; got map"),
+        (("tree", "map"), "tree takes no frames, got map; for two files use 'compare'"),
         (
             ("--save", "gif"),
             "'pdf' or a path that ends in one of them, got 'gif'",

@@ -93,6 +93,7 @@ def test_options(tool: Tool, tmp_path: Path, name: str) -> None:
         (("STORE", "-o", "a.bag"), "ends in none of .mcap"),
         (("STORE", "-o", "taken.mcap"), "exists already"),
         (("STORE", "-o", "no/folder/a.mcap"), "no/folder"),
+        (("taken.mcap", "-o", "a.mcap"), "taken.mcap is a file: give a live store or graph"),
         (("STORE",), "Missing option '-o'"),
         (("STORE", "-o", "a.mcap", "--queue", "many"), "write 1000000, 256MB or 1GiB"),
         (("STORE", "-o", "a.mcap", "--split-size", "0"), "write 1000000, 256MB or 1GiB"),

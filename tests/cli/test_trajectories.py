@@ -101,7 +101,7 @@ def test_other_text_files_are_refused(tool: Any, path: tfdb.Trajectory, tmp_path
     assert "no known format has 3 columns" in tool("tree", file, code=2).error
     file.write_text("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 7\n")
     assert "list.txt:2: " in tool("info", file, code=2).error
-    with pytest.raises(tfdb.errors.TrajectoryError, match="not of unit length: 7"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="the quaternion has length 7, not 1"):
         tfdb.load(file)
     (tmp_path / "notes.md").write_text("# Notes\n")
     assert "neither a ROS 1 bag" in tool("tree", tmp_path / "notes.md", code=2).error

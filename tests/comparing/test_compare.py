@@ -225,15 +225,13 @@ def test_offset_is_estimated_from_rotation_alone() -> None:
 
 
 def test_constant_motion_has_no_offset() -> None:
-    with pytest.raises(tfdb.errors.NotComparable, match="changes of speed are needed") as caught:
+    with pytest.raises(tfdb.errors.NotComparable, match="has constant speeds") as caught:
         tfdb.compare(straight(100), straight(100), offset="estimate")
     assert caught.value.reason == "even motion"
-    with pytest.raises(
-        tfdb.errors.NotComparable, match="has 5 poses: to estimate the offset, 8 are"
-    ):
+    with pytest.raises(tfdb.errors.NotComparable, match="has 5 poses, 8 are needed"):
         tfdb.compare(straight(100), straight(5), offset="estimate")
     with pytest.raises(
-        tfdb.errors.NotComparable, match=r"correlate by 0\.\d\d only, 0\.5 is needed"
+        tfdb.errors.NotComparable, match=r"correlate by at most 0\.\d\d \(.*\), 0\.5 is needed"
     ):
         tfdb.compare(motion(1, times(1, 900, 30)), motion(5, times(1, 900, 30)), offset="estimate")
 
@@ -258,7 +256,7 @@ NOT_COMPARABLE = [
         shifted(GOOD, S // 2),
         {"max_diff": 0.1},
         "no match",
-        "at most twice max_diff, 0.2 s",
+        r"at most 0.2 s apart \(twice max_diff\)",
     ),
     (
         GOOD,
@@ -393,7 +391,7 @@ BAD_OPTIONS: list[tuple[dict[str, Any], str]] = [
     ({"delta": 10**400}, "delta must be a number above 0"),
     ({"delta": 1.5}, "delta must be a whole number of frames, got 1.5"),
     ({"delta_tolerance": -1}, "delta_tolerance must be a number of at least 0, got -1"),
-    ({"align_poses": 2}, "align_poses must be None or a whole number from 3 on, got 2"),
+    ({"align_poses": 2}, "align_poses must be None or a whole number >= 3, got 2"),
     ({"align_poses": 5.5}, "align_poses must be"),
 ]
 
@@ -409,7 +407,7 @@ def test_bad_poses() -> None:
     poses[7, 0] = 1e200
     bad = straight(rows=poses)
     with pytest.raises(
-        tfdb.errors.InvalidTransform, match=r"pose 7 of the reference: .* 1e\+200 m off"
+        tfdb.errors.InvalidTransform, match=r"pose 7 of the reference: .* 1e\+200 m, at most"
     ):
         tfdb.compare(bad, GOOD)
     with pytest.raises(tfdb.InvalidStamp):
@@ -582,10 +580,12 @@ def test_row_by_row_needs_as_many(tmp_path: Path) -> None:
     other, truth, slam = row_files(tmp_path)
     for each in ("truth", "slam"):
         (tmp_path / f"{each}_times.txt").unlink()
-    with pytest.raises(tfdb.errors.NotComparable, match="60 poses and the estimate 59: row by row"):
+    with pytest.raises(
+        tfdb.errors.NotComparable, match="60 poses and the estimate 59: association='rows' needs"
+    ):
         tfdb.compare(truth, other[:-1], association="rows")
     for options in ({"offset": 1.0}, {"offset": "estimate"}, {"max_diff": 0.1}):
-        with pytest.raises(tfdb.InvalidArgument, match="row by row no stamps are compared"):
+        with pytest.raises(tfdb.InvalidArgument, match="association='rows' ignores stamps"):
             tfdb.compare(truth, slam, **options)  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="needs stamps, which KITTI poses lack"):
         tfdb.compare(truth, slam, delta_unit="s")
@@ -593,7 +593,7 @@ def test_row_by_row_needs_as_many(tmp_path: Path) -> None:
         tfdb.errors.TrajectoryError, match=r"association='rows' .--association rows."
     ):
         tfdb.compare(truth, slam, association="nearest")
-    with pytest.raises(tfdb.errors.TrajectoryError, match="carry no stamps"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="have no stamps"):
         tfdb.compare(truth, other)
     lines = slam.read_text().splitlines()
     scaled = [" ".join(str(1.2 * float(value)) for value in line.split()) for line in lines]

@@ -491,7 +491,7 @@ def test_stamps_that_no_message_holds(tmp_path: Path) -> None:
         ({"split_time": float("nan")}, tfdb.InvalidArgument, "split_time"),
         ({"sync": "no"}, tfdb.InvalidArgument, "sync is True or False"),
         ({"frames": []}, tfdb.InvalidArgument, "frames is empty"),
-        ({"rename": "map"}, tfdb.InvalidArgument, "rename maps names"),
+        ({"rename": "map"}, tfdb.InvalidArgument, "rename must map names"),
     ],
 )
 def test_bad_options(

@@ -179,8 +179,8 @@ def test_other_files_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
     for options, words in (
         ({"frames": "map"}, "frames: these need a finished file"),
         ({"keep": 1, "start": "+1"}, "keep, start as an offset: these need"),
-        ({"timeout": 0}, "timeout is a positive number of seconds, not 0"),
-        ({"interval": "1"}, "interval is a positive number of seconds, not '1'"),
+        ({"timeout": 0}, "timeout must be a positive number of seconds, got 0"),
+        ({"interval": "1"}, "interval must be a positive number of seconds, got '1'"),
     ):
         with pytest.raises(tfdb.InvalidArgument, match=words):
             tfdb.recordings.follow_recording(buffer, path, **options)

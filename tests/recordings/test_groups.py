@@ -316,7 +316,7 @@ def test_options_have_separate_caches(tmp_path: Path) -> None:
 
 
 def test_options_that_contradict_are_refused() -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="keeps them apart"):
+    with pytest.raises(tfdb.InvalidArgument, match="mix and by_namespace exclude each other"):
         tfdb.load(ROBOTS, mix=True, by_namespace=True)
 
 

@@ -263,7 +263,7 @@ def test_broken_messages_are_refused(ros: Messages, tmp_path: Path) -> None:
     assert dict(report.reasons) == {"CorruptMessage": 2, "InvalidTransform": 1}
     assert "names no parent frame" in report.first_refusals["CorruptMessage"]
     for topics, words in (
-        ("/pose", r"does not say of which frame .* pose_topics=\{'/pose': 'base_link'\}"),
+        ("/pose", r"does not name the child frame: .* pose_topics=\{'/pose': 'base_link'\}"),
         ("/none", "no topic '/none'; its topics: /odom"),
         ("/twist", "holds geometry_msgs/msg/Point, not poses: those are"),
     ):
@@ -597,9 +597,9 @@ def test_mismatches_of_joint_states_are_reported(ros: Messages, tmp_path: Path) 
     assert dict(report.reasons) == {"CorruptMessage": 1}
     for words in (
         "no joint state names 'press'",
-        "no joint 'push', 'wheel'",
+        "the joint states name 'push', 'wheel', which the model lacks",
         "'turn' is beyond its limits, -1 to 1, in 2 states; the furthest is -2.25 at 5 s",
-        "not finite are left out, of 'turn'",
+        "infinite or NaN positions are skipped, of 'turn'",
     ):
         assert words in texts
     with pytest.raises(tfdb.errors.RecordingError, match="'turn' is beyond its limits"):

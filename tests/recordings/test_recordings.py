@@ -447,7 +447,7 @@ def test_static_by_the_last_part_of_the_new_name(
 @pytest.mark.parametrize("topics", [{"/tf": 5}, {5: "/tf"}, [5], 5, [b"/tf"]])
 def test_topics_are_names(recorder: Any, tmp_path: Path, topics: Any) -> None:
     path = recorder.bag(tmp_path / "a.bag", [])
-    with pytest.raises(tfdb.InvalidArgument, match="topics are names"):
+    with pytest.raises(tfdb.InvalidArgument, match="topics must be names"):
         tfdb.load(path, topics=topics)
 
 

@@ -222,6 +222,7 @@ def test_convert_writes_for_viewers(tmp_path: Path) -> None:
         (("a.rrd", "--compress"), "--compress goes with recordings"),
         (("a.bag", "--foxglove"), "--foxglove writes .mcap"),
         (("a.rrd", "--frames", "map", "odom"), "--frames TARGET SOURCE goes with"),
+        (("a.tum",), "'a.tum' is a trajectory: name its --frames TARGET SOURCE"),
     ],
 )
 def test_convert_refuses(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:

@@ -287,9 +287,9 @@ BAD_MODELS = [
     ("<robot/>", 1, "no link"),
     ("<robot>\n<link/></robot>", 2, "a link without a name"),
     (robot('<xacro:include filename="x"/>'), 3, "xacro"),
-    (robot(AB + '<link name="a"/>'), 3, "link 'a' is there twice"),
-    (robot(AB + joint("j", "b", "a")), 3, "joint 'j' is there twice"),
-    (robot(""), 2, "2 links have no parent, one must: 'a', 'b'"),
+    (robot(AB + '<link name="a"/>'), 3, "link 'a' is defined twice"),
+    (robot(AB + joint("j", "b", "a")), 3, "joint 'j' is defined twice"),
+    (robot(""), 2, "2 links have no parent, only the root may: 'a', 'b'"),
     (robot(AB + "\n" + joint("k", "b", "a")), 4, "loop: a -> b -> a"),
     (robot(joint("j", "a", "a") + joint("k", "a", "b")), 3, "loop: a -> a"),
     (
@@ -315,8 +315,8 @@ BAD_MODELS = [
     ),
     (robot(joint("j", "a", "b", '<mimic joint="k"/>', "revolute")), 3, "'k', which does not exist"),
     (robot(joint("j", "a", "b", '<mimic joint="j"/>', "revolute")), 3, "mimic joints follow each"),
-    (robot(joint("j", "a", "b", "<mimic/>", "revolute")), 3, "mimics no joint by name"),
-    (robot(joint("j", "a", "b", "<mimic/>")), 3, "mimics no joint by name"),
+    (robot(joint("j", "a", "b", "<mimic/>", "revolute")), 3, "has a <mimic> without a joint name"),
+    (robot(joint("j", "a", "b", "<mimic/>")), 3, "has a <mimic> without a joint name"),
     (robot(joint("j", "a", "b", '<mimic joint="k"/>', "planar")), 3, "is planar and cannot mimic"),
     (
         version("1.1", joint("j", "a", "b", '<origin rpy="0 0 0" quat_xyzw="0 0 0 1"/>')),

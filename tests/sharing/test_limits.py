@@ -58,8 +58,8 @@ def test_invalid_names_are_refused(bad: Any) -> None:
     [
         ({"mode": "w"}, "mode must be 'r' or 'rw'"),
         ({"mode": "r", "create": True}, "create one with mode 'rw'"),
-        ({"create": "no"}, "create is True, False or None, not 'no'"),
-        ({"clock": 5}, "clock is a function"),
+        ({"create": "no"}, "create must be True, False or None, got 'no'"),
+        ({"clock": 5}, "clock must be a function"),
         ({"size": 100}, "for 65536 frames needs a size between"),
         ({"size": 1 << 50}, "for 65536 frames needs a size between"),
         ({"size": 1 << 24, "max_frames": 1 << 19}, "for 524288 frames needs a size between"),

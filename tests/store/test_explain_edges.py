@@ -103,7 +103,10 @@ def test_a_failing_chain_is_walked_once(stamp: int) -> None:
     assert len(found.edges) == 8000
     wrong = [edge for edge in found.edges if not edge.ok]
     assert len(wrong) == (1 if stamp == 150 else 8000)
-    assert any("T[f2000<-f2001]" in edge.text and "lies in its past" in edge.text for edge in wrong)
+    assert any(
+        "T[f2000<-f2001]" in edge.text and "is before its first sample" in edge.text
+        for edge in wrong
+    )
 
 
 class Name(str):

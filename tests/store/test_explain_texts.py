@@ -45,7 +45,7 @@ CASES: dict[str, tuple[tuple[str, str, float | None], tfdb.types.Policy | None, 
         [
             "  ok   T[base<-cam]: static",
             "  ok   T[odom<-base]: exact, sample at 3 s, age 0 s",
-            f"  FAIL T[map<-odom]: 3 s lies in its future; {ODOM}",
+            f"  FAIL T[map<-odom]: 3 s is after its last sample; {ODOM}",
             COMMON,
         ],
     ),
@@ -54,7 +54,8 @@ CASES: dict[str, tuple[tuple[str, str, float | None], tfdb.types.Policy | None, 
         None,
         [
             "  ok   T[base<-cam]: static",
-            "  FAIL T[odom<-base]: 1 s lies in its past; 2 samples at 1 Hz from 2 s to 3 s",
+            "  FAIL T[odom<-base]: 1 s is before its first sample; "
+            "2 samples at 1 Hz from 2 s to 3 s",
             "  ok   T[map<-odom]: exact, sample at 1 s, age 0 s",
             COMMON,
         ],
@@ -63,7 +64,7 @@ CASES: dict[str, tuple[tuple[str, str, float | None], tfdb.types.Policy | None, 
         ("base", "late", 2),
         None,
         [
-            "  FAIL T[odom<-late]: 2 s lies in its past; 1 sample from 7 s to 7 s",
+            "  FAIL T[odom<-late]: 2 s is before its first sample; 1 sample from 7 s to 7 s",
             "  ok   T[odom<-base]: exact, sample at 2 s, age 0 s",
             APART + "T[odom<-base] ends at 3 s, before T[odom<-late] begins at 7 s.",
         ],
@@ -72,8 +73,8 @@ CASES: dict[str, tuple[tuple[str, str, float | None], tfdb.types.Policy | None, 
         ("map", "later", None),
         None,
         [
-            "  FAIL T[late<-later]: 2 s lies in its past; 1 sample from 9 s to 9 s",
-            "  FAIL T[odom<-late]: 2 s lies in its past; 1 sample from 7 s to 7 s",
+            "  FAIL T[late<-later]: 2 s is before its first sample; 1 sample from 9 s to 9 s",
+            "  FAIL T[odom<-late]: 2 s is before its first sample; 1 sample from 7 s to 7 s",
             "  ok   T[map<-odom]: exact, sample at 2 s, age 0 s",
             APART + "T[map<-odom] ends at 2 s, before T[late<-later] begins at 9 s.",
         ],
@@ -83,7 +84,7 @@ CASES: dict[str, tuple[tuple[str, str, float | None], tfdb.types.Policy | None, 
         None,
         [
             "  ok   T[x<-y]: static",
-            "No edge joins the two trees: one between 'map' and 'x' would.",
+            "The frames are in two trees: an edge between 'map' and 'x' would join them.",
         ],
     ),
     "gap": (
@@ -149,7 +150,7 @@ def test_an_explanation_as_html_escapes_its_text() -> None:
 
 def test_an_explanation_lists_at_most_eight_frames() -> None:
     buffer = tfdb.Buffer()
-    assert buffer.explain("a", "b").text.endswith("\nThe store has no frames at all.")
+    assert buffer.explain("a", "b").text.endswith("\nThe store has no frames.")
     for n in range(8):
         buffer.set_static_transform("map", f"camera{n}", (1, 0, 0))
     assert buffer.explain("map", "zz").text.endswith(

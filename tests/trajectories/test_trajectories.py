@@ -231,14 +231,34 @@ def test_a_comment_is_not_a_header(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "format_", "reason"),
     [
-        (f"timestamp,tx,ty,tz,qx,qy,qz,qw\n{TURN}\n", "euroc", "order x y z w, but euroc has w x"),
-        (f"#time, x, y, z, q_x, q_y, q_z, q_w\n{TURN}\n", "euroc", "order x y z w, but euroc"),
-        (f"#when, x, y, z, q_x, q_y, q_z, q_w\n{TURN}\n", None, "order x y z w, but euroc"),
-        (f"stamp_ns,x,y,z,qx,qy,qz,qw\n{TURN}\n", "euroc", "order x y z w, but euroc"),
-        (f"#time,q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n{TURN}\n", "csv", "but csv has x y z w"),
-        ("# a\n# timestamp x y z qw qx qy qz\n5 1 2 3 .8 0 0 .6\n", "tum", "but tum has x y z w"),
+        (
+            f"timestamp,tx,ty,tz,qx,qy,qz,qw\n{TURN}\n",
+            "euroc",
+            "order x y z w, but format 'euroc' has w x",
+        ),
+        (
+            f"#time, x, y, z, q_x, q_y, q_z, q_w\n{TURN}\n",
+            "euroc",
+            "order x y z w, but format 'euroc'",
+        ),
+        (
+            f"#when, x, y, z, q_x, q_y, q_z, q_w\n{TURN}\n",
+            None,
+            "order x y z w, but format 'euroc'",
+        ),
+        (f"stamp_ns,x,y,z,qx,qy,qz,qw\n{TURN}\n", "euroc", "order x y z w, but format 'euroc'"),
+        (
+            f"#time,q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n{TURN}\n",
+            "csv",
+            "but format 'csv' has x y z w",
+        ),
+        (
+            "# a\n# timestamp x y z qw qx qy qz\n5 1 2 3 .8 0 0 .6\n",
+            "tum",
+            "but format 'tum' has x y z w",
+        ),
         ("stamp_ns,x,y,z,qx,qy,qz\n5,1,2,3,0,0,0\n", None, "names no quaternion"),
-        ("stamp_ns,x,y,z,qx,qy,qz,qw,x\n5,1,2,3,0,0,0,1,2\n", None, "must name each of"),
+        ("stamp_ns,x,y,z,qx,qy,qz,qw,x\n5,1,2,3,0,0,0,1,2\n", None, "must name each axis once"),
         (f"a,b\nc,d\n{TURN}\n", "csv", "2 columns instead of"),
         (f"{TURN}\nnan,1,2,3,0,0,0.6,0.8\n", "csv", "'nan' is not an integer"),
     ],
@@ -336,7 +356,7 @@ def test_from_a_pipe(tmp_path: Path, format_: Any) -> None:
 
 UNIT = "0 0 0 0 0 0 1"
 BAD_TUM = [
-    (f"1.0 {UNIT}\n0.5 {UNIT}\n", 2, "500000000 ns does not lie after 1000000000 ns"),
+    (f"1.0 {UNIT}\n0.5 {UNIT}\n", 2, "stamp 0.5 s follows 1 s: sort"),
     (f"1.0 {UNIT}\n# x\n2.0 0 0 0 0 0 1\n", 3, "7 columns"),
     (f"1.0 {UNIT}\n2.0 0 0 zero 0 0 0 1\n", 2, "'zero' is not a number"),
     (f"1.0 {UNIT}\nabc {UNIT}\n", 2, "'abc' is not a number of seconds"),
@@ -344,11 +364,11 @@ BAD_TUM = [
     ("1.0 0 0 0 0 0 0 nan\n", 1, "not a finite number"),
     ("1.0 0 inf 0 0 0 0 1\n", 1, "not a finite number"),
     ("1.0 0 1_0 0 0 0 0 1\n", 1, "not a finite number"),
-    ("1.0 0 0 0 0 0 0 1.01\n", 1, "not of unit length: 1.01"),
-    ("1.0 0 0 0 0 0 0 0\n", 1, "not of unit length: 0"),
-    ("1.0 0 0 0 1e200 0 0 1e200\n", 1, "not of unit length"),
-    (f"99999999999 {UNIT}\n", 1, "beyond the greatest in seconds, and no date in another unit"),
-    (f"1 {UNIT}\n2 {UNIT}\n99999999999 {UNIT}\n", 3, "stamp_unit= (--stamp-unit) names another"),
+    ("1.0 0 0 0 0 0 0 1.01\n", 1, "the quaternion has length 1.01, not 1"),
+    ("1.0 0 0 0 0 0 0 0\n", 1, "the quaternion has length 0, not 1"),
+    ("1.0 0 0 0 1e200 0 0 1e200\n", 1, "the quaternion has length inf, not 1"),
+    (f"99999999999 {UNIT}\n", 1, "too large for seconds, and not a date in another unit"),
+    (f"1 {UNIT}\n2 {UNIT}\n99999999999 {UNIT}\n", 3, "stamp_unit= (--stamp-unit) sets another"),
     ("", None, "no pose"),
     ("# only a comment\n\n", None, "no pose"),
     ("1 2 3\n", 1, "no known format has 3 columns"),
@@ -368,9 +388,9 @@ def test_bad_lines(tmp_path: Path, text: str, line: int | None, reason: str) -> 
 
 
 BAD_EUROC = [
-    ("1.5,0,0,0,1,0,0,0\n", 1, "8 columns by commas without names could be several things"),
+    ("1.5,0,0,0,1,0,0,0\n", 1, "8 columns by commas without a header match several formats"),
     ("2,0,0,0,1,0,0,0\n2.5,0,0,0,1,0,0,0\n", 2, "not an integer number of nanoseconds"),
-    ("2,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n", 2, "does not lie after"),
+    ("2,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n", 2, "follows 0.000000002 s"),
     ("2,0,0,0,1,0,0,0\n3,0,0,0,1,0,0\n", 2, "7 columns"),
     ("x,y\nx,y\n", 1, "names no position"),
 ]
@@ -394,8 +414,8 @@ BAD_KITTI = [
     (IDENTITY + "2 0 0 0 0 1 0 0 0 0 1 0\n", "1\n2\n", 2, "not a rotation"),
     (IDENTITY + "-1 0 0 0 0 1 0 0 0 0 1 0\n", "1\n2\n", 2, "not a rotation"),
     ("1e200 0 0 0 0 1e200 0 0 0 0 1e200 0\n", "1\n", 1, "not a rotation"),
-    (IDENTITY * 2, "2\n1\n", 2, "does not lie after"),
-    (IDENTITY * 2, "1\n1\n", 2, "does not lie after"),
+    (IDENTITY * 2, "2\n1\n", 2, "stamp 1 s follows 2 s"),
+    (IDENTITY * 2, "1\n1\n", 2, "stamp 1 s follows 1 s"),
     (IDENTITY, "one\n", 1, "not a number of seconds"),
 ]
 

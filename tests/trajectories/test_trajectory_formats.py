@@ -284,7 +284,9 @@ def test_stamps_that_are_hardly_seconds(tmp_path: Path) -> None:
     found = tfdb.Trajectory.read(relative, stamp_unit="ns")
     assert found.stamps.tolist() == (STAMPS - START).tolist()
     late = write(tmp_path / "b.txt", rows(lambda stamp: str(stamp - START + 12 * 10**9)))
-    with pytest.raises(tfdb.errors.TrajectoryError, match=r"no date in another unit; stamp_unit= "):
+    with pytest.raises(
+        tfdb.errors.TrajectoryError, match=r"not a date in another unit; set stamp_unit= "
+    ):
         tfdb.Trajectory.read(late)
     assert tfdb.Trajectory.read(late, stamp_unit="ns").stamps[0] == 12 * 10**9
     mixed = rows(str)
@@ -321,7 +323,7 @@ def test_a_unit_that_changes_within_a_file(tmp_path: Path, usual: str, unit: str
     assert caught.value.line == 8
     assert caught.value.reason == (
         f"stamp {lines[7][0]} looks like {names[unit]}, {lines[6][0]} in line 7 like "
-        f"{names[usual]}; salvage=True (--salvage) reads the others"
+        f"{names[usual]}; salvage=True (--salvage) skips such rows"
     )
     with pytest.warns(tfdb.TfdbWarning, match=r"12 rows, 5 skipped \(line 8: stamp|by their size"):
         found = tfdb.Trajectory.read(path, salvage=True)
@@ -369,7 +371,7 @@ def test_zero_bytes_at_the_end(tmp_path: Path, form: str, size: int, cut: int) -
     with pytest.raises(tfdb.errors.TrajectoryError) as caught:
         tfdb.Trajectory.read(path)
     assert caught.value.line == line
-    assert caught.value.reason == f"{many}; salvage=True (--salvage) reads the others"
+    assert caught.value.reason == f"{many}; salvage=True (--salvage) skips such rows"
     with pytest.warns(tfdb.TfdbWarning, match="taken as|skipped") as warned:
         found = tfdb.Trajectory.read(path, salvage=True)
     assert any(f"1 skipped (line {line}: {many})" in str(each.message) for each in warned)
@@ -479,11 +481,11 @@ def test_a_named_format_does_not_warn(tmp_path: Path, format_: Any) -> None:
 
 
 AMBIGUOUS = [
-    (",", rows(), "8 columns by commas without names could be several things"),
-    (";", rows(), "8 columns by semicolons without names could be several things"),
-    (" ", [["7", *row] for row in rows()], "9 columns by blanks without names could be several"),
-    (",", [["7", *row] for row in rows(str)], "9 columns by commas without names could be several"),
-    (" ", [[*row, "1", "2", "3"] for row in rows(str)], "11 columns by blanks without names"),
+    (",", rows(), "8 columns by commas without a header match several formats"),
+    (";", rows(), "8 columns by semicolons without a header match several formats"),
+    (" ", [["7", *row] for row in rows()], "9 columns by blanks without a header match several"),
+    (",", [["7", *row] for row in rows(str)], "9 columns by commas without a header match several"),
+    (" ", [[*row, "1", "2", "3"] for row in rows(str)], "11 columns by blanks without a header"),
     (" ", [row[:5] for row in rows()], "no known format has 5 columns"),
 ]
 
@@ -505,7 +507,7 @@ HEADINGS = [
     ("time,a,b,c,qx,qy,qz,qw", "names no position"),
     ("when,x,y,z,qx,qy,qz,qw", "names no time"),
     ("time,x [mm],y [mm],z [mm],qx,qy,qz,qw", "positions are metres, but 'x [mm]' is in 'mm'"),
-    ("time,x,y,z,qx,qy,qz", "its heading names 7 columns, but its rows have 8"),
+    ("time,x,y,z,qx,qy,qz", "its header names 7 columns, but its rows have 8"),
     ("time,x,y,z,x,qy,qz,qw", "once"),
 ]
 
@@ -527,13 +529,13 @@ def test_several_poses_and_times(tmp_path: Path) -> None:
     lines = [[*row, *row[1:]] for row in rows()]
     path = write(tmp_path / "a.csv", lines, ",", ",".join(["__time", *one, *two]))
     with pytest.raises(
-        tfdb.errors.TrajectoryError, match="several poses, keep the columns of one: '/odom"
+        tfdb.errors.TrajectoryError, match="several poses; keep the columns of one of '/odom"
     ):
         tfdb.Trajectory.read(path)
     lines = [[row[0], row[0], *row[1:]] for row in rows()]
     path = write(tmp_path / "a.csv", lines, ",", ",".join(["time", "stamp", *one]))
     with pytest.raises(
-        tfdb.errors.TrajectoryError, match="several times, keep one: 'time', 'stamp'"
+        tfdb.errors.TrajectoryError, match="several times; keep one of 'time', 'stamp'"
     ):
         tfdb.Trajectory.read(path)
 
@@ -567,7 +569,11 @@ def damaged(**changes: Sequence[str]) -> list[list[str]]:
 ROW = rows()[4]
 DAMAGE: dict[str, tuple[list[list[str]], str, str]] = {
     "nan": (damaged(_4=[ROW[0], *["nan"] * 7]), ":5: 'nan' is not a finite", "1 skipped (line 5: "),
-    "zero": (damaged(_4=[*ROW[:4], *"0000"]), ":5: the quaternion is not", "1 skipped (line 5: "),
+    "zero": (
+        damaged(_4=[*ROW[:4], *"0000"]),
+        ":5: the quaternion has length 0",
+        "1 skipped (line 5: ",
+    ),
     "cut": (damaged(_4=ROW[:6]), ":5: 6 columns instead of", "1 skipped (line 5: 6 columns"),
     "words": (damaged(_4=["[WARN]", "lost", "track"]), ":5: 3 columns", "1 skipped (line 5: 3"),
     "stamp": (damaged(_4=["zero", *ROW[1:]]), ":5: 'zero' is not a number of seconds", "1 skipped"),
@@ -582,7 +588,7 @@ def test_rows_are_skipped_where_salvage_is_asked_for(tmp_path: Path, name: str) 
         with pytest.raises(tfdb.errors.TrajectoryError) as caught:
             read(path)
         assert reason in str(caught.value)
-        assert "; salvage=True (--salvage) reads the others" in str(caught.value)
+        assert "; salvage=True (--salvage) skips such rows" in str(caught.value)
     rest = [at for at in range(COUNT) if at != 4]
     with pytest.warns(tfdb.TfdbWarning) as warned:
         found = tfdb.Trajectory.read(path, salvage=True)
@@ -605,7 +611,7 @@ def test_rows_are_sorted_where_salvage_is_asked_for(tmp_path: Path) -> None:
     lines[3], lines[7] = lines[7], lines[3]
     path = write(tmp_path / "a.tum", lines)
     with pytest.raises(
-        tfdb.errors.TrajectoryError, match=r":5: .*or let salvage=True .--salvage. sort it"
+        tfdb.errors.TrajectoryError, match=r":5: .*or let salvage=True .--salvage. sort them"
     ):
         tfdb.Trajectory.read(path)
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 4 out of order, sorted"):
@@ -622,7 +628,7 @@ def test_quaternions_with_few_digits(tmp_path: Path) -> None:
     lines[5][4:] = ["0.00", "0.00", "0.00", "0.98"]
     path = write(tmp_path / "a.tum", lines)
     with pytest.raises(
-        tfdb.errors.TrajectoryError, match=r":6: .* unit length: 0.98; salvage=True"
+        tfdb.errors.TrajectoryError, match=r":6: .* length 0.98, not 1; salvage=True"
     ):
         tfdb.Trajectory.read(path)
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 with the quaternion normalised"):
@@ -703,7 +709,7 @@ def test_kitti_poses_are_salvaged_with_their_stamps(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("\n".join(poses))
     (tmp_path / "a_times.txt").write_text("\n".join(times))
     with pytest.raises(
-        tfdb.errors.TrajectoryError, match=r"a_times.txt:9: 'late' .* reads the others"
+        tfdb.errors.TrajectoryError, match=r"a_times.txt:9: 'late' .* skips such rows"
     ):
         tfdb.Trajectory.read(tmp_path / "a.txt")
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 3 skipped .line 3: 7 columns"):
@@ -730,7 +736,7 @@ def test_a_file_that_was_cut_anywhere(tmp_path: Path) -> None:
     start = whole.rstrip().rindex(b"\n") + 1
     for end in range(start + 1, len(whole) - 1):
         path.write_bytes(whole[:end])
-        with pytest.raises(tfdb.errors.TrajectoryError, match=r":12: .* reads the others"):
+        with pytest.raises(tfdb.errors.TrajectoryError, match=r":12: .* skips such rows"):
             tfdb.Trajectory.read(path)
         with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped"):
             assert tfdb.Trajectory.read(path, salvage=True) == expected[:-1]

@@ -240,10 +240,10 @@ def cli(ctx: click.Context) -> None:
       path.tum, .csv, .npz ...                  a trajectory
       drive.tfdb                                a frozen store, written by 'tfdb freeze'
       shm:NAME                                  a shared store of this machine
-      ros1: or ros1:http://host:port            a live graph of ROS 1, by its master
-      ros2: or ros2:7                           a live graph of ROS 2, by its domain
-      ros2+zenoh: or ros2+zenoh:7               one of rmw_zenoh, without ROS
-      ros2+dds: or ros2+dds:7                   one over DDS, without ROS
+      ros1: or ros1:http://host:port            a live graph (running nodes) of ROS 1
+      ros2: or ros2:7                           a live graph of ROS 2, in domain 7
+      ros2+zenoh: or ros2+zenoh:7               the same over Zenoh; needs no ROS here
+      ros2+dds: or ros2+dds:7                   the same over DDS; needs no ROS here
 
     merge, rename and play read recordings and trajectories. convert also reads .tfdb files,
     for a trajectory or a viewer's file. monitor reads all but .tfdb files. watch reads live stores
@@ -251,8 +251,8 @@ def cli(ctx: click.Context) -> None:
 
     --json prints the result of a command as JSON. Help is text only.
 
-    Exit codes: 0 success, 1 findings of 'check', 'watch' or 'verify', 2 an error
-    (one line on stderr).
+    Exit codes: 0 success, 2 an error (one line on stderr). 1 means findings of 'check', 'watch' or
+    'verify', or lost data of 'record', 'publish' or 'mirror'.
     """  # noqa: D301, click wants the character
     if ctx.invoked_subcommand is None:
         output.say(ctx.get_help())

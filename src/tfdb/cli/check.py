@@ -101,8 +101,8 @@ def command(
     data checked. A shared store (shm:NAME) is checked as it is, or watched with --for. A frozen
     store (FILE.tfdb) is compared with its checksum first.
 
-    With --expect each broken expectation is a finding. An edge with a deadline then has no finding
-    'gap' or 'coverage', and one with max_late no 'late'.
+    With --expect, each broken expectation is a finding. For an edge with a deadline it replaces the
+    findings 'gap' and 'coverage', for an edge with max_late the finding 'late'.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     expected = None if expect is None else tfdb.Expectations.read(expect)

@@ -43,7 +43,7 @@ _OPTIONS = (
         "--estimate-frames",
         nargs=2,
         metavar="TARGET SOURCE",
-        help="Frames of ESTIMATE, if they differ from --frames.",
+        help="Frames of ESTIMATE, if they differ from those of the reference.",
     ),
     click.option(
         "--association",
@@ -66,7 +66,7 @@ _OPTIONS = (
         callback=_offset,
         default="0",
         show_default=True,
-        help="Add this to the stamps of ESTIMATE; 'estimate' finds it from how both move.",
+        help="Clock offset to add to the stamps of ESTIMATE; 'estimate' computes it.",
     ),
     click.option(
         "--align",
@@ -111,7 +111,7 @@ _OPTIONS = (
         type=OneOf(("estimate", "reference")),
         default="estimate",
         show_default=True,
-        help="Trajectory whose path length forms the pairs.",
+        help="Trajectory whose path defines the segments.",
     ),
 )
 
@@ -216,7 +216,9 @@ def find(
     unit = chosen.pop("stamp_unit", None)
     named = any(_has_frames(name) for name in (reference, estimate))
     if chosen.keys() - {"salvage"} and not named:
-        raise click.UsageError("what is read of a recording can be chosen; these are trajectories")
+        raise click.UsageError(
+            "options that select parts of a recording do not apply to trajectory files"
+        )
     from tfdb.comparing.inputs import Reading, goes_by_rows  # noqa: PLC0415 - brings numpy
 
     options = dict(options)
@@ -245,7 +247,7 @@ def _read(
 
         return to_trajectory(name, None, "trajectory", "frames", reading)
     if frames is None:
-        raise click.UsageError(f"{name} holds frames: name two {how} TARGET SOURCE")
+        raise click.UsageError(f"{name} holds many frames: name two {how} TARGET SOURCE")
     store = common.load((name,)).store
     target, source = common.find_frames(store, *frames)
     return store.trajectory(target, source, missing="skip")

@@ -21,20 +21,20 @@ _OPTIONS = (
         "--connect",
         multiple=True,
         metavar="ENDPOINT",
-        help="Connect to this Zenoh router; repeatable: the next one is tried if it is missing.  "
+        help="Connect to this Zenoh router. Repeatable: if one is missing, the next is tried.  "
         "[default: tcp/127.0.0.1:7447]",
     ),
     click.option(
         "--listen",
         multiple=True,
         metavar="ENDPOINT",
-        help="Be a Zenoh router at this address, such as tcp/127.0.0.1:7447; repeatable.",
+        help="Act as a Zenoh router at this address, such as tcp/127.0.0.1:7447; repeatable.",
     ),
     click.option(
         "--config",
         type=click.Path(),
         metavar="FILE",
-        help="Take the connection from this file of Zenoh's configuration.",
+        help="Read the connection from this Zenoh configuration file.",
     ),
 )
 

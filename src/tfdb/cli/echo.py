@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     default=1.0,
     show_default=True,
     metavar="HZ",
-    help="Prints per second; of a recording, per second of its own time.",
+    help="Prints per second; in a recording, per second of its time.",
 )
 @click.option(
     "--each",

@@ -27,7 +27,7 @@ def expect_option_of(*, required: bool) -> Callable[[FC], FC]:
         metavar="EXPECTATIONS.toml",
         type=click.Path(),
         required=required,
-        help="Judge the data by the expectations of this file; 'tfdb expect' proposes one.",
+        help="Check the data against the expectations of this file; 'tfdb expect' writes one.",
     )
 
 
@@ -68,9 +68,9 @@ def command(
 
     Example: tfdb expect drive.mcap -o expectations.toml
 
-    The deadline of an edge is twice the 99.9th percentile of the times between its samples, or the
-    longest of them. The other limits are twice the largest value. The recording itself meets them
-    all. 'tfdb check', 'tfdb watch' and 'tfdb monitor' judge others by the file: --expect OUT.
+    The deadline of an edge is the greater of its longest interval between samples and twice their
+    99.9th percentile. The other limits are twice the largest value. The recording meets them all.
+    'tfdb check', 'tfdb watch' and 'tfdb monitor' check other data: --expect OUT.
     """
     from tfdb.judging.proposing import judge_recording, propose_for  # noqa: PLC0415 - with numpy
 

@@ -44,7 +44,8 @@ def command(
 
     tfdb.open and most commands, such as 'tfdb lookup', read OUT. Several FILEs are parts of one
     recording. A shared store (shm:NAME) is written in its newest state; a live graph (ros1:, ros2:)
-    is recorded first. OUT fits this version of tfdb and this kind of machine: keep the recording.
+    is recorded first. Only this version of tfdb on this kind of machine reads OUT: keep the
+    recording.
     """
     live = any(common.is_live(name) for name in files)
     inputs = () if live else common.find_paths(files)

@@ -89,8 +89,8 @@ _COLUMNS = (
     layout.Column("date (UTC)", 4),
     layout.Column("length", 1, right=True),
     layout.Column("usual", 5, right=True),
-    layout.Column("published before", 3),
-    layout.Column("and after", 6),
+    layout.Column("publisher before", 3),
+    layout.Column("publisher after", 6),
 )
 
 

@@ -52,6 +52,8 @@ def command(
     TIME is in seconds (12.5) or nanoseconds (12500000000ns), or an offset from the start (+1.5) or
     the end (-0.5). 'latest' is the newest stamp at which every edge has data. From a live graph,
     ros1: or ros2:, the command waits for the transform.
+
+    The line 'limited by' names the moving edge with the widest gap or the oldest sample.
     """
     loaded = common.load((file, *more), there=lambda s: _is_there(s, target, source, time))
     store = loaded.store

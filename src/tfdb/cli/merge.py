@@ -60,10 +60,10 @@ def command(
     --prefix, or --mix them. Consecutive parts of one recording agree.
     """
     if len(files) < 2:
-        raise click.UsageError("one file is nothing to merge: give two or more")
+        raise click.UsageError("nothing to merge: give two files or more")
     if prefixes and len(prefixes) != len(files):
         raise click.UsageError(
-            f"--prefix is given once for each FILE: {len(files)} files, {len(prefixes)} prefixes"
+            f"give --prefix once per FILE: got {len(prefixes)} for {len(files)} files"
         )
     inputs = common.find_paths(files)
     path = recording_path(out, inputs, overwrite=overwrite)
@@ -108,7 +108,7 @@ def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
         raise click.ClickException(": ".join(["nothing to merge", *reasons[:1]]))
     for recording, found in zip(recordings.given, parents, strict=True):
         if not found:
-            text = f"{recording.path}: nothing of it is merged"
+            text = f"{recording.path}: none of its transforms is merged"
             warnings.warn(text, tfdb.TfdbWarning, stacklevel=2)
     for rewriter in dict.fromkeys(rewriters):
         named = [

@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 @click.argument("name", metavar="NAME")
 @into_option
 @click.option(
-    "--prefix", default="", metavar="TEXT", help="Put this before the name of each frame."
+    "--prefix", default="", metavar="TEXT", help="Put TEXT before the name of each frame."
 )
 @click.option(
     "--shared",
     multiple=True,
     metavar="FRAME",
-    help="Leave this frame's name without the prefix; repeatable.",
+    help="Keep the name of this frame without the prefix; repeatable.",
 )
 @click.option(
     "--max-lag",
     type=click.IntRange(min=1),
     metavar="COMMITS",
-    help="If this mirror is further behind: take the newest state, not each commit.",
+    help="If the mirror lacks more commits than this, copy the newest state instead.",
 )
 @history_option
 @network_options
@@ -57,12 +57,12 @@ def command(
 
     Example: tfdb mirror robot1 --into fleet --prefix robot1/ --shared map
 
-    NAME is that of 'tfdb publish' on the other machine, the home. While the home is gone, and when
-    the command ends, the store stays as it is. The command goes on from there when it is run again.
-    It waits for a router that is not there yet, unless it listens itself.
+    NAME is the namespace of 'tfdb publish' on the other machine, the home. While the home is gone,
+    and after the command ends, the store keeps its last state. A later run continues from there.
+    The command waits for a missing router, except with --listen.
 
-    Exit code: 0 by Ctrl-C, 1 if the home was gone then, 2 on an error, 130 by Ctrl-C while it waits
-    for a router.
+    Exit code: 0 after Ctrl-C, 1 if the home was then gone, 2 on an error, 130 after Ctrl-C during
+    the wait for a router.
     """
     from tfdb.net import Event, mirror  # noqa: PLC0415 - Zenoh is an extra
     from tfdb.net.link import check_network_name  # noqa: PLC0415 - as above

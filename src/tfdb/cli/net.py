@@ -47,7 +47,8 @@ def command() -> None:
 
     Example: tfdb net top
 
-    'tfdb publish' and 'tfdb mirror', or tfdb.net in Python, make them.
+    A home is a store that 'tfdb publish' publishes, a mirror a copy by 'tfdb mirror'. In Python,
+    tfdb.net makes both.
     """
 
 
@@ -59,9 +60,9 @@ def command() -> None:
     default="1",
     show_default=True,
     callback=duration_option,
-    help="Seconds between two looks.",
+    help="Seconds between two updates.",
 )
-@click.option("--once", is_flag=True, help="Look once, and end.")
+@click.option("--once", is_flag=True, help="Show one update, and end.")
 @network_options
 @layout.wide_option
 @common.json_lines_option
@@ -79,19 +80,19 @@ def top(
 
     Example: tfdb net top --connect tcp/10.0.0.7:7447
 
-    NAME shows one namespace alone. On a terminal the table is updated in place. --json prints one
-    object per look. The command waits for a router that is not there yet, except with --once or
+    With NAME, only this namespace is shown. On a terminal the table is updated in place. --json
+    prints one object per update. The command waits for a missing router, except with --once or
     --listen.
 
     \b
-      epoch     the first digits of its id; a home and its live mirrors have the same
+      epoch     first digits of the store's id; equal for a home and its live mirrors
       lag       commits that a home has not sent yet, or that a mirror lacks
-      behind    since when a mirror has not been live
-      gaps      how often a mirror found commits missing
-      resyncs   whole states that a mirror took
-      kB/s      what a home sends or a mirror receives
+      behind    time since a mirror was last live
+      gaps      times that a mirror found commits missing
+      resyncs   times that a mirror copied a whole state
+      kB/s      bytes that a home sends or a mirror receives
 
-    Exit code: 0, also by Ctrl-C; 2 on an error; 130 by Ctrl-C while it waits for a router.
+    Exit code: 0, also after Ctrl-C, 2 on an error, 130 after Ctrl-C during the wait for a router.
     """  # noqa: D301, click wants the character
     from tfdb.net import status  # noqa: PLC0415 - Zenoh is an extra
     from tfdb.net.link import check_network_name  # noqa: PLC0415 - as above

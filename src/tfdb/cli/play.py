@@ -57,7 +57,7 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
     default=1.0,
     show_default=True,
     callback=_speed_option,
-    help="Play so many times as fast as recorded; inf does not wait, and sets no clock.",
+    help="Play this many times as fast as recorded; inf does not wait, and sets no clock.",
 )
 @click.option("--loop", is_flag=True, help="Start again at the end, until Ctrl-C.")
 @click.option(
@@ -70,7 +70,7 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
 @click.option(
     "--control",
     is_flag=True,
-    help=f"Read controls from standard input, one a line: {', '.join(CONTROLS)}.",
+    help=f"Read controls from standard input, one per line: {', '.join(CONTROLS)}.",
 )
 @click.option(
     "--clock",
@@ -84,7 +84,7 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
     default=40.0,
     show_default=True,
     metavar="HZ",
-    help="Messages a second of --clock.",
+    help="Clock messages per second.",
 )
 @history_option
 @selection_options
@@ -107,15 +107,15 @@ def command(
 
     Example: tfdb play drive.mcap --into robot1
 
-    The store's clock shows the time of the recording: tfdb.Buffer.open("NAME").clock. A process
-    that sets it moves the player. What an earlier player stored is replaced; frames of other
+    The store's clock shows the time of the recording: tfdb.Buffer.open("NAME").clock. If a process
+    sets the clock, the player follows. Data of an earlier player are replaced; frames of other
     writers stay.
 
-    Keys in a terminal: space pauses. Right and left play a commit or take one back. Up and down
-    change the speed, 1 to 9 set it. [ and ] jump 5 s. r plays backwards, q quits.
+    Keys in a terminal: space pauses and resumes. Right plays one commit, left takes one back. Up
+    and down change the speed, 1 to 9 set it. ] jumps 5 s ahead, [ 5 s back. r reverses, q quits.
 
-    ROS nodes with use_sim_time follow the player by --clock, for example --clock ros2: for the
-    domain of ROS_DOMAIN_ID.
+    With --clock, ROS nodes with use_sim_time follow the player. --clock ros2: uses the domain of
+    ROS_DOMAIN_ID.
 
     The store stays when the command ends. 'tfdb shm rm NAME' removes it.
     """

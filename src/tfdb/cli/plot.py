@@ -43,7 +43,10 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 @common.file_argument
 @click.argument("kind", type=OneOf(KINDS), default="tree")
 @click.argument(
-    "frames", nargs=-1, metavar="[TARGET SOURCE... | ESTIMATE]", shell_complete=_complete
+    "frames",
+    nargs=-1,
+    metavar="[TARGET SOURCE... | ESTIMATE [TARGET SOURCE]]",
+    shell_complete=_complete,
 )
 @click.option(
     "--save",
@@ -57,7 +60,7 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 @click.option(
     "--axes",
     type=OneOf(("xy", "xz", "yz", "xyz")),
-    help="Draw a trajectory in this plane, or in 3D (xyz).  [default: its two widest axes]",
+    help="Draw a trajectory in this plane, or in 3D (xyz).  [default: its axes of largest extent]",
 )
 @click.option(
     "--color",
@@ -174,9 +177,11 @@ def _check_frames(kind: str, frames: Sequence[str], more: Sequence[str]) -> None
                 "name the second trajectory: tfdb plot FILE compare ESTIMATE [TARGET SOURCE]"
             )
         if more:
-            raise click.UsageError("--with goes with pictures of one recording")
+            raise click.UsageError("--with applies to pictures of one recording, not to compare")
     elif frames:
-        raise click.UsageError(f"a {kind} takes no frames; got {' '.join(frames)}")
+        raise click.UsageError(
+            f"{kind} takes no frames, got {' '.join(frames)}; for two files use 'compare'"
+        )
 
 
 def _trajectory(

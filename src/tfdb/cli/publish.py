@@ -23,24 +23,24 @@ if TYPE_CHECKING:
 
 @click.command("publish", cls=SuggestingCommand)
 @click.argument("source", metavar="STORE|FILE")
-@click.option("--as", "name", required=True, metavar="NAME", help="Name of the namespace.")
+@click.option("--as", "name", required=True, metavar="NAME", help="Namespace to publish under.")
 @click.option(
     "--max-delay",
     metavar="SECONDS",
     default="0.002",
     show_default=True,
     callback=duration_option,
-    help="Let a commit wait this long for later ones, to be sent with them.",
+    help="Longest time that a commit waits, to be sent together with later ones.",
 )
 @click.option(
     "--take-over",
     is_flag=True,
-    help="Publish also if the namespace has a home, which then stops.",
+    help="Take over a namespace that has a home; that home then stops.",
 )
 @click.option(
     "--keep-lost",
     metavar="FILE",
-    help="If a later home takes over: write the commits that it lacks to this new file.",
+    help="If a later home takes over, write the commits that it lacks to this new file.",
 )
 @network_options
 @common.json_lines_option
@@ -60,15 +60,16 @@ def command(
 
     Example: tfdb publish shm:robot1 --as robot1 --listen tcp/127.0.0.1:7447
 
-    'tfdb mirror NAME' on another machine follows them. A FILE, recording or frozen store, is
-    published as it is. The command waits for a router that is not there yet, unless it listens
-    itself.
+    This process becomes the home of the namespace NAME. 'tfdb mirror NAME' on another machine
+    copies each commit. A FILE is a recording or a frozen store; its one state does not change. The
+    command waits for a missing router, except with --listen.
 
-    A later home ends the command. The frames of STORE are then read-only, unless this user may
-    only read it, and 'tfdb mirror' can follow the later home into it.
+    If a later home takes over, this command ends. The frames of STORE are then read-only, and
+    'tfdb mirror' can follow the later home into it. If this user may only read STORE, it stays
+    unchanged.
 
-    Exit code: 0 by Ctrl-C, 1 if a later home took over, 2 on an error, 130 by Ctrl-C while it waits
-    for a router.
+    Exit code: 0 after Ctrl-C, 1 if a later home took over, 2 on an error, 130 after Ctrl-C during
+    the wait for a router.
     """
     from tfdb.net import publish  # noqa: PLC0415 - Zenoh is an extra
 

@@ -7,6 +7,7 @@ import re
 import time
 from dataclasses import fields
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -71,20 +72,24 @@ def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -
     default="0.5",
     show_default=True,
     callback=duration_option,
-    help="Hand what is recorded to the system after this long: then it outlives this process.",
+    help="Write recorded commits to the file this often; they then survive a kill of the process.",
 )
-@click.option("--sync", is_flag=True, help="Bring it to the disk then, so that it outlives power.")
+@click.option(
+    "--sync",
+    is_flag=True,
+    help="At each flush, also sync the file to the disk, so that it survives a power cut.",
+)
 @click.option(
     "--split-size",
     metavar="SIZE",
     callback=size_option,
-    help="Go on in another file beyond this size: OUT_0.mcap, OUT_1.mcap and so on.",
+    help="Start a new file beyond this size: OUT_0.mcap, OUT_1.mcap and so on.",
 )
 @click.option(
     "--split-time",
     metavar="SECONDS",
     callback=duration_option,
-    help="Go on in another file after this long.",
+    help="Start a new file after this long.",
 )
 @click.option(
     "--queue",
@@ -92,7 +97,7 @@ def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -
     default="256MB",
     show_default=True,
     callback=size_option,
-    help="Keep at most this much that waits for the disk. Commits beyond it are lost.",
+    help="Buffer at most this much while the disk is slow. Commits beyond it are lost.",
 )
 @click.option(
     "--frame",
@@ -128,14 +133,19 @@ def command(
 
     Example: tfdb record robot1 -o drive.mcap
 
-    Every reader of MCAP reads /tf and /tf_static. /tfdb/commits and /tfdb/state hold what these
-    messages cannot say, for tfdb.recorded_commits. When the process is killed or the disk is full,
-    OUT.mcap.part holds what was flushed; '--salvage' reads it.
+    STORE is the name of a shared store: robot1 or shm:robot1. Every reader of MCAP finds the
+    transforms on /tf and /tf_static. From /tfdb/commits and /tfdb/state, tfdb.recorded_commits
+    restores each commit. If the process is killed or the disk is full, OUT.mcap.part keeps the
+    flushed part; --salvage reads it.
 
-    Exit code: 0 at the end, also by Ctrl-C, 1 if commits were lost, 2 on an error.
+    Exit code: 0 complete, also after Ctrl-C, 1 if commits were lost, 2 on an error.
     """
     from tfdb.recorder import Recorder  # noqa: PLC0415 - with its room
 
+    if not common.is_live(source) and Path(source).exists():
+        raise click.UsageError(
+            f"{source} is a file: give a live store or graph; 'tfdb convert' rewrites a recording"
+        )
     began = time.monotonic()
     with live_source(source, history=_KEPT) as live:
         recorder = Recorder(

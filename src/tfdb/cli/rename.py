@@ -31,11 +31,13 @@ def command(
 
     Example: tfdb rename drive.mcap -o robot1.mcap --rename map:=world
 
-    FILE stays as it is; OUT is a .bag, .mcap or .db3. --rename is applied before --prefix. A
-    missing frame is an error, and so are two frames with the same new name.
+    FILE stays unchanged; OUT is a .bag, .mcap or .db3. --rename is applied before --prefix. A
+    frame of --rename must exist, and two frames must not get one name.
     """
-    if not given().keys() & {"rename", "prefix"}:
-        raise click.UsageError("nothing to rename: give --rename FROM:=TO, or --prefix TEXT")
+    if not given().keys() & {"rename", "prefix", "by_namespace"}:
+        raise click.UsageError(
+            "nothing to rename: give --rename FROM:=TO, --prefix TEXT or --by-namespace"
+        )
     inputs = common.find_paths((file,))
     path = recording_path(out, inputs, overwrite=overwrite)
     writer = RecordingWriter(path, compress=compress, overwrite=overwrite)

@@ -165,7 +165,9 @@ def refuse_selection(names: Sequence[str], what: str, how: str) -> None:
     if len(names) > 1:
         raise click.UsageError(f"{what} is read alone: give {how} without other files")
     if flags := ", ".join(sorted(map(flag_of, given()))):
-        raise click.UsageError(f"{names[0]} is {what}, read as it is: {flags} goes with recordings")
+        raise click.UsageError(
+            f"{names[0]} is {what}, read as a whole: {flags} goes with recordings"
+        )
 
 
 def flag_of(name: str) -> str:

@@ -129,7 +129,7 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
 
     Example: tfdb serve ros1 --into robot1
 
-    This process listens; all others look up by tfdb.Buffer.open("NAME") or
+    This process listens; other processes open the store: tfdb.Buffer.open("NAME") or
     tfdb.tf2.Buffer(store="NAME"). It needs no ROS package. from:=to and __name:=NAME work as in
     ROS. The store stays when the command ends.
     """
@@ -151,7 +151,7 @@ def ros2(*, domain: str, rmw: str | None, into: str, history: int | None, as_jso
 
     Example: tfdb serve ros2 --domain 7 --into robot1
 
-    This process listens; all others look up by tfdb.Buffer.open("NAME") or
+    This process listens; other processes open the store: tfdb.Buffer.open("NAME") or
     tfdb.tf2.Buffer(store="NAME"). It needs rclpy and tf2_msgs: source the setup.bash of ROS 2
     first. --rmw needs neither. --ros-args works as in ROS. The store stays when the command
     ends.

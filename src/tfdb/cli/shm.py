@@ -184,7 +184,7 @@ def reset_clock(*, name: str, as_json: bool) -> None:
 
     Example: tfdb shm reset-clock robot1
 
-    A player that ends does so itself. One that was killed leaves the clock as it was set.
+    A player does so at its end. A killed player leaves the clock as it was set.
     """
     given = name.removeprefix(STORE)
     with tfdb.Buffer.open(given, create=False) as store:

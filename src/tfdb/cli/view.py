@@ -57,14 +57,14 @@ _KEPT = 60 * NS
     default="127.0.0.1",
     show_default=True,
     metavar="ADDRESS",
-    help="Address to listen on. Any but a loopback one demands the token in the printed address.",
+    help="Address to listen on. Beyond loopback, the page needs the token of the printed address.",
 )
 @click.option(
     "--allow-host",
     "names",
     multiple=True,
     metavar="NAME",
-    help="A host name under which browsers reach the page; repeatable.",
+    help="Accept browsers that reach the page by this host name; repeatable.",
 )
 @click.option("--no-open", is_flag=True, help="Print the address without opening a browser.")
 @click.option(
@@ -92,10 +92,10 @@ def command(
     Example: tfdb view shm:robot
 
     FILE is a shared store (shm:NAME), a live graph (ros1:, ros2:), a recording or a frozen store.
-    The page follows what is live, and shows any stamp that is still held. With --expect, edges that
-    break an expectation stand out; without it, those whose newest sample is several periods old.
-    With --urdf, the page draws the boxes, cylinders, spheres and STL meshes of the robot's links.
-    The command serves the page until Ctrl-C, or with --foxglove viewers of Foxglove's protocol.
+    The page follows live data, and shows any past stamp that the store still keeps. It highlights
+    edges whose newest sample is several periods old; with --expect, edges that break an
+    expectation. With --urdf, it draws the boxes, cylinders, spheres and STL meshes of the robot's
+    links. The command serves the page, or with --foxglove those viewers, until Ctrl-C.
     """
     host = "127.0.0.1" if host == "localhost" else host
 
@@ -170,7 +170,7 @@ def _has_joint_states(file: str) -> bool:
 def _refuse_page_options(file: str, names: list[str]) -> None:
     """Refuse what --foxglove cannot serve."""
     if names:
-        raise click.UsageError(f"{', '.join(names)}: of the page, not of --foxglove")
+        raise click.UsageError(f"{', '.join(names)} applies to the page, not to --foxglove")
     if not common.is_live(file):
         raise click.UsageError(
             f"--foxglove serves live stores and graphs, and {file} is a file; to write one for "

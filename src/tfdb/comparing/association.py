@@ -78,8 +78,8 @@ def _by_row(reference: Trajectory, estimate: Trajectory) -> MatchedPoses:
     """
     if len(reference) != len(estimate):
         raise NotComparable(
-            f"the reference has {len(reference)} poses and the estimate {len(estimate)}: row by "
-            "row both need as many",
+            f"the reference has {len(reference)} poses and the estimate {len(estimate)}: "
+            "association='rows' needs equal numbers",
             reason="other numbers of poses",
         )
     rows = np.flatnonzero(there(reference) & there(estimate))
@@ -92,9 +92,9 @@ def _known(rows: Rows, found: Array) -> tuple[Rows, Array]:
 
 
 def _decides(reference: Trajectory, estimate: Trajectory, *, common: bool) -> bool:
-    """Whether the reference has no fewer poses: then the estimate's stamps count, else its own.
+    """Whether to match at the stamps of the estimate: the reference has at least as many poses.
 
-    With `common`, only the time counts that both have.
+    With `common`, only poses of the common time count.
     """
     ours, theirs = reference.stamps[there(reference)], estimate.stamps[there(estimate)]
     if common:
@@ -105,7 +105,7 @@ def _decides(reference: Trajectory, estimate: Trajectory, *, common: bool) -> bo
 
 
 def _default(searched: Trajectory, *, interpolated: bool) -> int:
-    """The limit where none is given; a gap is at least as long as elsewhere in tfdb."""
+    """The default limit: half of the interval that counts as a gap."""
     period = find_gaps(searched.stamps[there(searched)])[0]
     if not interpolated or period is None:
         return NEAREST_MAX_DIFF
@@ -113,7 +113,7 @@ def _default(searched: Trajectory, *, interpolated: bool) -> int:
 
 
 def _nearest(stamps: Stamps, others: Stamps) -> tuple[Rows, npt.NDArray[np.int64]]:
-    """For each stamp the row of the nearest other, the first of two, and how far it is away."""
+    """For each stamp: the row of the nearest other (the first of two) and its distance."""
     after = np.clip(np.searchsorted(others, stamps), 1, max(len(others) - 1, 1))
     after = np.minimum(after, len(others) - 1)
     before = np.maximum(after - 1, 0)
@@ -138,8 +138,8 @@ def _nothing_matches(
         what = f"no two poses lie within max_diff, {format_seconds(limit)}"
         if interpolated:
             what = (
-                "no pose of one lies between two of the other that are at most twice max_diff, "
-                f"{format_seconds(2 * limit)}, apart"
+                "no pose of one trajectory lies between poses of the other that are at most "
+                f"{format_seconds(2 * limit)} apart (twice max_diff)"
             )
         what += f": the nearest two are {format_seconds(nearest)} apart; {spans}"
         reason, remedy = "no match", "give a larger max_diff, or offset='estimate'"

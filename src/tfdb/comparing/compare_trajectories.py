@@ -67,7 +67,7 @@ def compare(
         the estimate is the frames of the reference.
     association
         `interpolate`: the trajectory with more poses in the common time is interpolated at the
-        stamps of the other (of equally many: at those of the estimate). `nearest`: each pose of the
+        stamps of the other (if equal: at those of the estimate). `nearest`: each pose of the
         trajectory with fewer poses is matched with the nearest of the other, evo's default; the
         motion between their stamps counts as error. `rows`: row by row, for trajectories of equal
         length, without regard to stamps. That is the default, as in evo, for two files of KITTI
@@ -77,8 +77,8 @@ def compare(
         stamps are left out. Gaps of more than twice this time are not interpolated. None: 0.01 for
         `nearest`, 2.5 median periods of the interpolated trajectory for `interpolate`.
     offset
-        Seconds to add to the estimate's stamps; `estimate` computes it from both motions, of which
-        half of the shorter trajectory must overlap the longer one.
+        Seconds to add to the estimate's stamps. `estimate` computes it from both motions; half of
+        the shorter trajectory must overlap the longer one.
     align
         The transform that is fitted to align the estimate with the reference: `se3` (rotation and
         translation), `sim3` (also a scale), `scale` only, `yaw` (a rotation about z and a
@@ -138,7 +138,7 @@ def compare(
     if association == "interpolate" and goes_by_rows(reference, estimate, delta_unit):
         association = "rows"
     if association == "rows" and (given_offset != 0 or limit is not None):
-        reason = "row by row no stamps are compared: offset and max_diff go with the others"
+        reason = "association='rows' ignores stamps: give no offset and no max_diff"
         raise InvalidArgument(reason, value=offset if limit is None else max_diff)
     reading = Reading(check_flag("salvage", salvage), stamp_unit, association == "rows")
     ours = to_trajectory(reference, frames, "reference", "frames", reading)
@@ -265,5 +265,5 @@ def _fitted(count: Any, how: Align) -> int | None:
             return index(count)
     except TypeError:
         pass
-    message = f"align_poses must be None or a whole number from {NEEDED[how]} on"
+    message = f"align_poses must be None or a whole number >= {NEEDED[how]}"
     raise InvalidArgument(f"{message}, got {shown(count)}", value=count)

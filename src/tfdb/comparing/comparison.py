@@ -115,13 +115,13 @@ class Comparison:
     ape_rotation: Errors
     """Angles between orientations, radians."""
     rpe_translation: Errors
-    """How far the estimated motion over `delta` ends from the true one, metres."""
+    """Translation of the difference of the motions over `delta`, metres."""
     rpe_rotation: Errors
-    """By how much it is turned against it, radians."""
+    """Rotation of that difference, radians."""
     pairs: Rows
-    """(M, 2) rows of the matched poses that each relative error is of."""
+    """(M, 2) rows of the two matched poses of each relative error."""
     alignment: Transform
-    """T[reference.target<-estimate.target], for positions that were multiplied with `scale`."""
+    """T[reference.target<-estimate.target]; applies to positions multiplied by `scale`."""
     scale: float
     """Scale of the estimate's positions."""
     offset: int
@@ -133,19 +133,19 @@ class Comparison:
     association: Literal["interpolate", "nearest", "rows"]
     """How poses were matched: by time, or row by row."""
     max_diff: int
-    """How far, in nanoseconds, the nearest pose was allowed to be; 0 row by row."""
+    """The limit `max_diff` in nanoseconds; 0 for rows."""
     align: Align
     """The fitted transform."""
     delta: float
-    """The way or time of a relative error, in `delta_unit`."""
+    """Interval of a relative error, in `delta_unit`."""
     delta_unit: DeltaUnit
     """Its unit."""
     all_pairs: bool
-    """Whether a relative error begins at every pose, not only where the one before ends."""
+    """Whether an interval begins at every pose, not only at the end of the previous one."""
 
     @property
     def has_stamps(self) -> bool:
-        """False if the stamps are row numbers, in seconds, as of KITTI poses without times."""
+        """False for KITTI poses without times: their stamps are row numbers, in seconds."""
         stamps = self.reference.stamps
         whole = bool((stamps % NS_PER_SECOND == 0).all())
         numbers = whole and int(stamps[-1]) < self.given[0] * NS_PER_SECOND
@@ -214,12 +214,12 @@ class Comparison:
         return [errors.in_degrees() for errors in kinds]
 
     def _facts(self) -> list[tuple[str, str]]:
-        """Remarks for readers of the numbers."""
-        ways = {"interpolate": "interpolated", "nearest": "the nearest"}
+        """The lines above the table: how the numbers were computed."""
+        ways = {"interpolate": "interpolated", "nearest": "nearest"}
         if self.association == "rows":
             within = "row by row"
         else:
-            within = f"{ways[self.association]} within {self.max_diff / 1e6:.4g} ms"
+            within = f"{ways[self.association]}, max_diff {self.max_diff / 1e6:.4g} ms"
         facts = [("matched", f"{counted(len(self), 'pose')}, {within}")]
         if self.offset or self.offset_estimated:
             how = ", estimated" if self.offset_estimated else ""

@@ -115,19 +115,18 @@ def is_recording(path: Path) -> bool:
 def looked_up(
     reads: Buffer | Snapshot, frames: Frames | None, role: str, parameter: str
 ) -> Trajectory:
-    """T[target<-source] at each stamp that is stored of it and has an answer."""
+    """T[target<-source] at each stored stamp of the path that has a pose."""
     if frames is None:
         chain = longest_moving_chain(reads.tree())
         hint = f", such as {chain!r}" if chain else ""
         raise InvalidArgument(
-            f"the {role} is not a trajectory but holds frames: "
-            f"give {parameter}=(target, source){hint}"
+            f"the {role} holds many frames: give {parameter}=(target, source){hint}"
         )
     return checked(reads.trajectory(frames[0], frames[1], missing="skip"), role)
 
 
 def checked(trajectory: Trajectory, role: str) -> Trajectory:
-    """The same, if it can be compared."""
+    """Return the trajectory; raise an error if it cannot be compared."""
     good = found(trajectory.poses)
     if not good.any():
         rows = ": all its rows are NaN" if len(good) else ""
@@ -135,6 +134,8 @@ def checked(trajectory: Trajectory, role: str) -> Trajectory:
     far = np.abs(trajectory.poses[good, :3]).max(axis=1)
     if far.max() >= TOO_FAR:
         row = int(np.flatnonzero(good)[np.argmax(far)])
-        reason = f"the position is {far.max():.3g} m off, at most {TOO_FAR:g} m can be compared"
+        reason = (
+            f"its distance from the origin is {far.max():.3g} m, at most {TOO_FAR:g} m is possible"
+        )
         raise InvalidTransform(f"pose {row} of the {role}: {reason}", index=row, reason=reason)
     return trajectory

@@ -46,8 +46,8 @@ def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool
     for name, one in (("reference", reference), ("estimate", estimate)):
         if int(there(one).sum()) < NEEDED:
             raise NotComparable(
-                f"the {name} has {int(there(one).sum())} poses: to estimate the offset, "
-                f"{NEEDED} are needed; give it in seconds",
+                f"the {name} has {int(there(one).sum())} poses, {NEEDED} are needed to estimate "
+                "the offset; give it in seconds",
                 reason="too few poses",
             )
     step, window = _steps(reference, estimate)
@@ -64,7 +64,7 @@ def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool
 
 
 def _steps(reference: Trajectory, estimate: Trajectory) -> tuple[int, int]:
-    """The step of the grid, and over how much of time a speed is taken, nanoseconds."""
+    """The step of the grid, and the interval of a speed, both in nanoseconds."""
     lengths = [int(each.stamps[-1] - each.stamps[0]) for each in (reference, estimate)]
     periods = [find_gaps(each.stamps)[0] or 1 for each in (reference, estimate)]
     step = max(*periods, max(lengths) // _MOST_STEPS, 1)
@@ -84,7 +84,7 @@ def _course(trajectory: Trajectory, step: int, window: int) -> Array:
 
 
 def _correlate(ours: Array, theirs: Array, step: int) -> list[int]:
-    """Lags in nanoseconds, the likeliest first, at which one of the two courses agrees best."""
+    """Lags in nanoseconds with the best correlation of one of the two speeds, best first."""
     best: tuple[float, list[int]] | None = None
     for a, b in zip(ours, theirs, strict=True):
         found = _peaks(a, b, step)
@@ -92,22 +92,22 @@ def _correlate(ours: Array, theirs: Array, step: int) -> list[int]:
             best = found
     if best is None:
         raise NotComparable(
-            "the offset cannot be estimated: a trajectory stands still, or moves and turns evenly "
-            "all the time; changes of speed are needed, or give the offset in seconds",
+            "the offset cannot be estimated: a trajectory stands still or has constant speeds; "
+            "give the offset in seconds",
             reason="even motion",
         )
     if best[0] < _LEAST_CORRELATION:
         raise NotComparable(
-            f"the offset cannot be estimated: at the likeliest one, {format_seconds(best[1][0])} "
-            f"after the starts are laid together, speeds and turn rates correlate by "
-            f"{best[0]:.2f} only, {_LEAST_CORRELATION} is needed; give the offset in seconds",
+            f"the offset cannot be estimated: the speeds correlate by at most {best[0]:.2f} (at "
+            f"{format_seconds(best[1][0])} from aligned starts), {_LEAST_CORRELATION} is needed; "
+            "give the offset in seconds",
             reason="no agreement",
         )
     return best[1]
 
 
 def _peaks(a: Array, b: Array, step: int) -> tuple[float, list[int]] | None:
-    """The best correlation, and lags of the highest peaks; None where one does not vary."""
+    """The best correlation, and lags of the highest peaks; None if one is constant."""
     known = [np.isfinite(each) for each in (a, b)]
     sides = []
     for values, mask in zip((a, b), known, strict=True):

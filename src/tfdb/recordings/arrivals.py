@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordedArrivals:
-    """What a store keeps of recorded transforms, and when it arrived.
+    """The recorded transforms that a store keeps, with their receive times.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ class RecordedArrivals:
     publishers_known
         Whether a container names its publishers.
     end
-        When the last message was received, nanoseconds; 0 without messages.
+        Receive time of the last message, nanoseconds; 0 without messages.
     rewriter
-        What chose the transforms.
+        The rewriter that selected the transforms.
     """
 
     edges: Sequence[tuple[str, Columns, bytes]]
@@ -57,7 +57,7 @@ class RecordedArrivals:
 
 
 def publisher_of(source: Source) -> str:
-    """Return the name of the node; empty where the container does not name it."""
+    """Return the name of the node; empty if the container does not name it."""
     return source.authority if source.authority != source.topic else ""
 
 
@@ -76,7 +76,7 @@ class ArrivalReader:
         """What was collected, once it is complete."""
 
     def begin(self, recordings: OpenRecordings, rewriter: Rewriter) -> None:
-        """Start anew with recordings of which a rewriter chooses."""
+        """Start again with recordings and their rewriter."""
         self._recordings, self._rewriter = recordings, rewriter
         later = (each for each in recordings.files[1:] if STATE in {t.name for t in each.topics})
         self._states = {id(source): each.start for each in later for source in each.all_sources}
@@ -88,7 +88,7 @@ class ArrivalReader:
         self._log.hold(self._chosen.fixed_joints())
 
     def take(self, run: Run) -> None:
-        """Add the messages of a run, but for those that a split recording repeats."""
+        """Add the messages of a run, except those that a split recording repeats."""
         first, state = run.first, self._states.get(id(run.source))
         while first < run.last and run.messages[first][0] == state:
             first += 1
@@ -101,7 +101,7 @@ class ArrivalReader:
         self._end = max(self._end, run.end)
 
     def end(self) -> None:
-        """Complete `found`. Where only a store can say what it keeps, all is read once more."""
+        """Complete `found`. If only a store can decide what it keeps, everything is read again."""
         if not self._log.is_right:
             self._begin(with_store=True)
             for run in self._recordings.read():

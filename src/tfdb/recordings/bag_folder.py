@@ -36,9 +36,9 @@ _NUMBERED = re.compile(r"(.*)_(\d{1,9})(\.(?:db3|mcap)(?:\.zstd)?)", re.DOTALL)
 
 @dataclass
 class _Metadata:
-    """What of the metadata counts: the names of the files, and the messages of each topic.
+    """The used part of the metadata: file names, and the number of messages of each topic.
 
-    The first message was received at `first`, the last at `last`, nanoseconds.
+    `first` and `last` are the receive times of the first and the last message, nanoseconds.
     """
 
     files: list[str]
@@ -49,13 +49,12 @@ class _Metadata:
 
 
 def open_folder(folder: Path, *, salvage: bool = False) -> Container:
-    """Open a bag folder as its metadata says, or the files in it where it has none.
+    """Open a bag folder by its metadata; without metadata, open all its files.
 
-    A file that the metadata names and that is missing, metadata that cannot be read, and files that
-    hold fewer messages than it promises are errors; with `salvage` they are counted as lost. Files
-    that it does not name are read in the place of missing ones, if they begin in the time that it
-    names and all files hold what it promises; with `salvage`, fewer suffice. Raises
-    `RecordingError`.
+    Missing files, unreadable metadata, and files with fewer messages than the metadata states raise
+    `RecordingError`; with `salvage` they count as lost. Files that the metadata do not name replace
+    missing files if they begin in its time span and all messages are there. With `salvage` they may
+    have fewer messages.
     """
     problems: list[str] = []
     notes: list[str] = []
@@ -103,7 +102,7 @@ def _opened(
     *,
     salvage: bool,
 ) -> list[Container]:
-    """Open files; one that cannot be opened is a problem, without `salvage` RecordingError."""
+    """Open files. A file that cannot be opened raises RecordingError, with `salvage` it is lost."""
     parts = []
     for name in names:
         try:
@@ -122,7 +121,7 @@ def _recordings_in(folder: Path) -> list[str]:
 
 
 def _why_none(folder: Path, problems: list[str]) -> str:
-    """Return why no file of a folder can be read."""
+    """Return the reason why no file of a folder can be read."""
     if problems:
         return "; ".join(problems)
     held = sorted(each.name + "/" * each.is_dir() for each in folder.iterdir())
@@ -163,7 +162,7 @@ class _Joined(Container):
 
 
 def _found(parts: list[Container]) -> Counter[str]:
-    """How many messages there are of each topic."""
+    """Number of messages of each topic."""
     found: Counter[str] = Counter()
     for part in parts:
         for topic in part.topics:
@@ -172,7 +171,7 @@ def _found(parts: list[Container]) -> Counter[str]:
 
 
 def _lost(metadata: _Metadata, parts: list[Container]) -> dict[str, int]:
-    """How many messages the metadata promises beyond what the files hold, by topic."""
+    """Number of missing messages by topic: those in the metadata but not in the files."""
     found = _found(parts)
     return {
         name: count - found[name]
@@ -182,7 +181,7 @@ def _lost(metadata: _Metadata, parts: list[Container]) -> dict[str, int]:
 
 
 def _metadata(folder: Path, problem: Callable[[str], None]) -> _Metadata:
-    """The metadata, or what the names in the folder tell where there is none."""
+    """The metadata; without them, the file names in the folder."""
     path = folder / _METADATA
     if path.exists():
         try:

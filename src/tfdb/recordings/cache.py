@@ -29,16 +29,16 @@ _MARK = b'{"tfdb": "'
 
 
 class Cache:
-    """Where what recordings hold is kept, and what must be true of it to be used.
+    """The cache of recordings, and the conditions for its use.
 
     Parameters
     ----------
     paths
         The recordings.
     choice
-        What of them was loaded: other choices are kept apart.
+        The loaded selection; each selection has its own cache.
 
-    Raises OSError where a recording cannot be read.
+    Raises OSError if a recording cannot be read.
     """
 
     def __init__(self, paths: Sequence[Path], choice: Choice) -> None:
@@ -61,9 +61,9 @@ class Cache:
         self._places = [beside, *([home / elsewhere] if home else ())]
 
     def open(self) -> Buffer | None:
-        """Open what is kept; None where nothing is, or it is stale or damaged.
+        """Open the cache; None if it is missing, stale or damaged.
 
-        Raises StoreExists where another file has its name.
+        Raises StoreExists if another file has its name.
         """
         for place in self._places:
             _refuse_foreign(place)
@@ -96,7 +96,7 @@ class Cache:
         return buffer
 
     def _put(self, buffer: Buffer, place: Path, made_of: str) -> Buffer | None:
-        """Write a frozen store; None where that cannot be."""
+        """Write a frozen store; None if it cannot be written."""
         _refuse_foreign(place)  # it may have come meanwhile
         record = {**self._wanted, "times": self._times, "hash": made_of}
         try:
@@ -109,9 +109,9 @@ class Cache:
 
 
 def _refuse_foreign(place: Path) -> None:
-    """Raise StoreExists where a file lies that `Cache` has not written: it is not replaced.
+    """Raise StoreExists for a file that `Cache` has not written: it is not replaced.
 
-    One that was damaged since, or that another version wrote, is known by its record.
+    A damaged cache, or one of another version, is recognised by its record.
     """
     if not place.is_file():
         return
@@ -130,7 +130,7 @@ def _refuse_foreign(place: Path) -> None:
 
 
 def _home() -> Path | None:
-    """Give the folder for what cannot be kept beside its recording; None: this user has none."""
+    """Return the folder for caches that cannot lie beside their recording; None without one."""
     try:
         given = os.environ.get("XDG_CACHE_HOME")
         return (Path(given) if given else Path("~/.cache").expanduser()) / "tfdb"
@@ -148,7 +148,7 @@ def _files_of(path: Path) -> list[Path]:
 
 
 def _hash(files: Sequence[Path]) -> str:
-    """Sum up what the files hold."""
+    """Hash the content of the files."""
     digest = hashlib.blake2b(digest_size=16)
     for path in files:
         with path.open("rb") as file:

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 class EdgeRules:
     """Decides about edges, and remembers which entries of `exclude` matched.
 
-    It has no reference to what asks it: a `_core.Selection` keeps it, and is in no cycle so.
+    It has no reference to its callers, so that `_core.Selection`, which keeps it, is in no cycle.
 
     Parameters
     ----------
     choice
-        What was asked for.
+        The selection.
     children
-        The child frames of the edges that are kept; None: all.
+        Child frames of the edges to keep; None: all.
     """
 
     def __init__(self, choice: Choice, children: frozenset[str] | None) -> None:
@@ -30,7 +30,7 @@ class EdgeRules:
         self.used: set[str] = set()
         """The entries of `exclude` that matched a name."""
         self.seen: set[str] = set()
-        """The frames of all edges that were looked at, before they are renamed."""
+        """The frames of all edges seen, before they are renamed."""
         self._choice = choice
         self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
         self._excluded_edges = [
@@ -65,7 +65,7 @@ class EdgeRules:
         return space + parent, space + child
 
     def edge(self, rule: int, parent: str, child: str) -> tuple[str, str] | None:
-        """Return the new names of an edge; None: it is left out.
+        """Return the new names of an edge; None: it is skipped.
 
         An empty name gets no prefix: the store refuses it.
         """
@@ -110,6 +110,6 @@ class EdgeRules:
 
 
 def _pattern(entry: str) -> re.Pattern[str]:
-    """What a name is matched against: `*` stands for anything, `?` for one letter."""
+    """The pattern for a name: `*` stands for any letters, `?` for one."""
     parts = {"*": ".*", "?": "."}
     return re.compile("".join(parts.get(each, re.escape(each)) for each in entry), re.DOTALL)

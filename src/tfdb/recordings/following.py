@@ -42,37 +42,37 @@ def follow_recording(
     interval: float = 0.2,
     **selection: Unpack[Selected],
 ) -> LoadReport:
-    """Load an MCAP file while it is written, chunk by chunk, until its end is there.
+    """Load an MCAP file while it is written, chunk by chunk, until it is complete.
 
-    Each message is one commit, as soon as its chunk is in the file: how soon that is, the recorder
-    decides (`--max-cache-size` of `ros2 bag record`). Meanwhile others read the store, in other
-    threads, or processes where it is shared. Ctrl-C ends it; what came until then is stored.
+    Each message is one commit, as soon as its chunk is in the file. The recorder decides when it
+    writes a chunk (`--max-cache-size` of `ros2 bag record`). Other threads, or other processes of a
+    shared store, can read meanwhile. After Ctrl-C the earlier messages stay stored.
 
     Parameters
     ----------
     buffer
-        Where to store. Its `history` limits what it keeps.
+        The store to fill. Its `history` limits the kept samples.
     path
         The file; it may still be empty. Damaged messages are refused and counted, as by `load`.
     timeout
-        Seconds without growth after which the writer is taken for dead; None: it is waited for.
+        Seconds without growth after which an error is raised; None: wait forever.
     interval
-        Seconds between two looks at the file's size.
+        Seconds between two checks of the file's size.
     **selection
-        Fields of `Selection`: `topics`, which may come later than the file, `start` and `end` as
-        stamps, `exclude`, `rename`, `prefix`, `pose_topics`, `by_namespace` and `mix`. The others
+        Fields of `Selection`: `topics` (they may appear later), `start` and `end` as stamps,
+        `exclude`, `rename`, `prefix`, `pose_topics`, `by_namespace` and `mix`. The other fields
         need the whole file.
 
     Raises
     ------
     RecordingError
-        No MCAP file, damaged, or it shrank; its writer stopped: it has no end and has not grown for
-        `timeout` (what was whole is stored; `load(salvage=True)` reads the rest); it ended without
-        transforms, or without one of the topics (what came of the others is stored).
+        The file is not MCAP, is damaged, or shrank. Or it is incomplete and has not grown for
+        `timeout`: complete chunks are stored, and `load(salvage=True)` reads the rest. Or it ended
+        without transforms, or without one of `topics`: the other messages are stored.
     MixedSources
-        Groups of topics disagree, as in `Buffer.load`; the messages before are stored.
+        Groups of topics disagree, as in `Buffer.load`; the earlier messages are stored.
     InvalidArgument
-        Options that need the whole file, and a timeout or interval that is none.
+        An option that needs the whole file, or an invalid timeout or interval.
     OSError
         The file cannot be opened or read.
     """
@@ -83,7 +83,7 @@ def follow_recording(
 
 
 class Following:
-    """One use of `follow_recording`, whose report can be had where a signal ends it."""
+    """One run of `follow_recording`; its report is available after a signal."""
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class Following:
         self._tally = Tally(buffer)
 
     def run(self) -> None:
-        """Store what comes until the file is complete."""
+        """Store messages until the file is complete."""
         watch = _watch(self._path, self._selection.choice, self._rewriter)
         with closing(GrowingMcap(self._path)) as file:
             grown, size = time.monotonic(), file.size
@@ -132,7 +132,7 @@ class Following:
                     pass  # it refuses topics that are missing
 
     def _take(self, messages: Recorded, sources: Mapping[int, Source], watch: Watch | None) -> None:
-        """Commit what is wanted of messages that just came, and count their topics."""
+        """Commit the wanted part of new messages, and count their topics."""
         choice, counts = self._selection.choice, messages.counts()
         for id_, source in sources.items():
             if choice.wants(source):
@@ -194,4 +194,6 @@ def _runs_that_came(
 def _check_seconds(name: str, value: Any) -> None:
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number or not 0 < value < 10**9:
-        raise InvalidArgument(f"{name} is a positive number of seconds, not {value!r}", value=value)
+        raise InvalidArgument(
+            f"{name} must be a positive number of seconds, got {value!r}", value=value
+        )

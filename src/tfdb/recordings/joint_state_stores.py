@@ -28,7 +28,7 @@ def load_joint_states(
     topic: str | None = None,
     limits: Literal["warn", "raise", "ignore"] = "warn",
 ) -> Buffer:
-    """Make a store of the joint states of a recording: where each link is in its parent.
+    """Make a store from the joint states of a recording: the pose of each link in its parent.
 
     Each message (sensor_msgs/JointState) is one commit, at its stamp, the fixed joints another.
     The recording's own transforms are not read: `tfdb.load(recording, urdf=model)` joins both.
@@ -38,32 +38,32 @@ def load_joint_states(
     model
         The robot.
     recording
-        One or several, as in `tfdb.load`.
+        One recording or several, as in `tfdb.load`.
     topic
-        That of the joint states; None: `/joint_states`, or the only one.
+        Topic of the joint states; None: `/joint_states`, or the only one.
     limits
-        What positions beyond a joint's limits are: a TfdbWarning, an error, or nothing.
+        Effect of positions beyond a joint's limits: a TfdbWarning, an error, or none.
 
     Returns
     -------
     Buffer
-        It keeps everything.
+        A store that keeps all samples.
 
     Raises
     ------
     RecordingError
-        No such topic; nothing of it could be stored; with `limits="raise"`, a joint beyond its
-        limits: all of them are named, with the furthest position and its stamp.
+        The topic is missing, or nothing of it could be stored. With `limits="raise"`: joints beyond
+        their limits, each with its furthest position and stamp.
     InvalidArgument
-        Another word for `limits`.
+        An unknown word for `limits`.
 
-    And as `tfdb.load`.
+    Also the errors of `tfdb.load`.
 
     Warns
     -----
     TfdbWarning
-        Joints of the model that no state names, joints that it does not have, positions that
-        are not finite (they are left out) or beyond their limits, messages that were refused.
+        Joints of the model without a state, joints that the model lacks, positions that are not
+        finite (they are skipped) or beyond their limits, refused messages.
     """
     check_word("limits", limits, ("warn", "raise", "ignore"))
     buffer = _core.Buffer(history=None)

@@ -44,33 +44,33 @@ def load(
     path, progress
         As in `Buffer.load`.
     cache
-        Keep the loaded data as a frozen store, and open it the next time: it takes as long as to
-        read the file once. It lies beside the recording, as `drive.mcap.tfdb`, or in
-        `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) where that folder cannot be written. It is used as
-        long as the recording has the same size and time, or the same content; it is made anew where
-        it is stale, damaged, or of another version of tfdb. What is loaded with other options,
-        and what from several files, is kept apart.
+        Keep the loaded data as a frozen store, and open that the next time, which takes as long as
+        reading the file once. The cache is `drive.mcap.tfdb` beside the recording, or lies in
+        `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) if that folder is not writable. It is valid while
+        the recording has the same size and modification time, or the same content. A cache that is
+        stale, damaged, or of another version of tfdb is replaced. Other options, and several files,
+        have separate caches.
     **selection
-        What is read, and under which names: the fields of `tfdb.recordings.Selection`, such as
+        The part to read, and new frame names: the fields of `tfdb.recordings.Selection`, such as
         `topics`, `start`, `exclude` and `rename`.
 
     Returns
     -------
     Buffer
-        With `cache` a frozen one, to which nothing can be written (but see below).
+        With `cache` a frozen store, which is read-only.
 
     Raises
     ------
     StoreExists
-        With `cache`, where a file has that name that is not what this keeps: it is never replaced.
+        With `cache`: another file has the name of the cache. It is never replaced.
 
     And as `Buffer.load`.
 
     Warns
     -----
     TfdbWarning
-        As `Buffer.load`; with `cache` also where no folder is writable. Then nothing is kept,
-        and the buffer is not frozen.
+        As `Buffer.load`; with `cache` also if no folder is writable. Then nothing is cached, and
+        the buffer is not frozen.
     """
     made, paths = selected(load, selection), each_once(path)
     buffer = Buffer(history=None)
@@ -97,8 +97,8 @@ def load_into(
 ) -> LoadReport:
     """Load the transforms of recordings into a store, as `Buffer.load` says.
 
-    The files are looked through before the first commit, so a damaged one leaves the store as it
-    was. `arrivals` is given each message. Warnings name the caller's caller.
+    The files are checked before the first commit, so a damaged one leaves the store unchanged.
+    `arrivals` gets each message. Warnings name the caller's caller.
     """
     started = time.perf_counter()
     tally = Tally(buffer)
@@ -141,7 +141,7 @@ def _warn(
     store: Buffer,
     depth: int,
 ) -> None:
-    """Warn of what is hardly meant: the same data again, another clock than that of the rest.
+    """Warn of data that were stored before, and of stamps of another clock.
 
     The caller is `depth` frames up.
     """
@@ -156,12 +156,12 @@ def _warn(
 
 
 def _extent(infos: Sequence[FrameInfo]) -> set[tuple[object, ...]]:
-    """What changes wherever a sample is added."""
+    """Figures that change with each added sample."""
     return {(i.name, i.parent, i.samples, i.oldest, i.newest) for i in infos}
 
 
 class _Meter:
-    """Counts the work done: each message each time that it is read, and once when stored."""
+    """Counts progress: each message counts each time it is read, and once when stored."""
 
     def __init__(self, messages: int, progress: Progress | None, times: int) -> None:
         self._total = times * messages

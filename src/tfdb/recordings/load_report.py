@@ -37,7 +37,7 @@ NAMED = 8
 
 @dataclass(frozen=True)
 class TopicReport:
-    """What one topic gave: `messages` read, `static` if its transforms were stored as such."""
+    """Counts of one topic: `messages` read; `static`: its transforms were stored as static."""
 
     name: str
     messages: int
@@ -46,49 +46,48 @@ class TopicReport:
 
 @dataclass(frozen=True)
 class LoadReport:
-    """What a load did.
+    """Counts and remarks of a load.
 
     Parameters
     ----------
     files
-        In the order of reading, that of their start.
+        The files in the order of reading, sorted by their start.
     messages
-        Read from the topics of transforms.
+        Messages read from topics of transforms.
     transforms, commits
-        Stored; each message of which a transform was stored is one commit.
+        Transforms stored, and commits: one for each message of which a transform was stored.
     refused
         Messages of which nothing was stored: damaged, or every transform was refused.
     reasons, first_refusals
-        Name of the error class to how many transforms were refused with it, and to the first of its
-        messages. Errors of a message as a whole, such as `CorruptMessage`, count messages.
+        By the name of the error class: number of refused transforms, and the first error message.
+        Errors of a whole message, such as `CorruptMessage`, count messages.
     topics
         The topics of transforms that were read.
     start, end
-        When the first and last message were received, nanoseconds. The stamps inside the messages
-        may run on another clock.
+        Receive times of the first and last message, nanoseconds. The stamps inside the messages may
+        have another clock.
     seconds, seconds_reading_container
-        Time taken; the second is the part that read the containers.
+        Time taken in all, and by reading the containers.
     forgotten
-        Samples of the recordings that the store does not keep, because they are older than its
-        `history` allows; those refused with `TooOld` included. Samples of one stamp count once,
-        unless they come after it was forgotten.
+        Samples older than the store's `history`, which it does not keep, including those refused
+        with `TooOld`. Samples of one stamp count once, unless they arrive after it was dropped.
     lost
-        What `salvage` could not save of damaged files; empty where nothing was lost.
+        Losses of damaged files that `salvage` read; empty without a loss.
     left_out
-        Transforms that were read and not wanted, by `start`, `end`, `keep`, `frames` and `exclude`.
+        Transforms skipped by `start`, `end`, `keep`, `frames` and `exclude`.
     joints
-        What the joint states made of the robot's model; None without `urdf`.
+        Report of the joint states; None without `urdf`.
     trajectories
         Counts of the rows of each trajectory file.
     untimed
-        Topic to the number of its transforms without a timestamp: Foxglove's messages may leave it
-        out. They have the log time of their message.
+        By topic: number of transforms without a timestamp, which Foxglove's messages may omit. They
+        get the log time of their message.
     notes
-        Remarks on unfinished or renamed files: how they were read.
+        Remarks on how unfinished or renamed files were read.
     refused_transforms
-        Transforms that were refused, those of messages that were stored in part included.
+        Refused transforms, including those of messages that were stored in part.
     refused_edges
-        What was refused, by edge and error, the most frequent first.
+        Refused transforms by edge and error, the most frequent first.
     """
 
     files: tuple[str, ...]

@@ -46,20 +46,19 @@ if TYPE_CHECKING:
 
 
 def open_recordings(files: Paths, selection: Selection) -> OpenRecordings:
-    """Open recordings to read what a selection takes of them, in the order of their start.
+    """Open recordings to read a selection of them, in the order of their start.
 
     Parameters
     ----------
     files
         One recording or several, as in `tfdb.load`.
     selection
-        What is read.
+        The part to read.
 
     Raises
     ------
     RecordingError
-        A file is not a recording, damaged or cut short; a topic is missing or holds nothing that
-        is read.
+        A file is not a recording, is damaged or cut short; a topic is missing or has another type.
     InvalidArgument
         No file, or a `stamp_unit` where no file is a trajectory.
     OSError
@@ -199,7 +198,7 @@ class OpenRecordings:
     def _survey(
         self, recordings: Sequence[Recording], step: Step | None
     ) -> tuple[RecordedEdges, JointStates | None]:
-        """All that recordings hold, under old names; what makes transforms of joint states."""
+        """The edges of recordings under their old names, and the converter of joint states."""
         choice = self.choice
 
         def filtered() -> Rewriter:
@@ -220,7 +219,7 @@ class OpenRecordings:
         joints = None
         store(lambda source: choice.wants(source) and not source.holds_joint_states)
         if choice.model is not None:
-            # What the recording says itself of a frame is taken from there.
+            # Frames of the recording's own transforms are not computed from joint states.
             taken = [info.name for info in everything.tree() if info.parent is not None]
             joints = _joint_states(choice.model, taken)
             first.joints = joints.again()
@@ -235,9 +234,7 @@ class OpenRecordings:
         choice = self.choice
         unit = choice.stamp_unit
         if unit is not None and all(each.rows is None for each in self.given):
-            reason = (
-                f"stamp_unit goes with trajectories in text, and {self.names} has stamps of its own"
-            )
+            reason = f"stamp_unit goes with trajectories in text, and {self.names} is a recording"
             raise InvalidArgument(reason, value=unit, path=self.names)
         types = {absolute(t.name): t.type for each in self.given for t in each.topics}
         held = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20]) or "none at all"
@@ -250,7 +247,7 @@ class OpenRecordings:
             raise RecordingError(self.names, f"no topic with transforms{more}; its topics: {held}")
         if roles is not None and not roles and not choice.reads_others:
             raise InvalidArgument(
-                f"topics is empty: name some of {self.names}, or give None to read all that hold "
+                f"topics is empty: name topics of {self.names}, or give None for every topic of "
                 f"transforms; its topics: {held}",
                 value=[],
                 path=self.names,
@@ -284,8 +281,8 @@ class OpenRecordings:
             if child is None and source.type in POSES_WITHOUT_CHILD:
                 raise RecordingError(
                     self.names,
-                    f"topic {topic!r} holds {types[topic]}, which does not say of which frame its "
-                    f"poses are: name it, pose_topics={{{topic!r}: 'base_link'}} "
+                    f"topic {topic!r} holds {types[topic]}, which does not name the child frame: "
+                    f"give it, pose_topics={{{topic!r}: 'base_link'}} "
                     f"(--pose-topic {topic}=base_link)",
                 )
         if self.choice.model is not None:
@@ -360,8 +357,8 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
         newest = found[1] if last is None else min(last, found[1])
         first = max(newest - choice.keep, 0 if first is None else first)
     if first is not None and last is not None and first > last:
-        ends = f"{format_seconds(last)} lies before start, {format_seconds(first)}"
-        raise InvalidArgument(f"end, {ends}", value=last)
+        ends = f"end ({format_seconds(last)}) lies before start ({format_seconds(first)})"
+        raise InvalidArgument(ends, value=last)
     return first, last
 
 
@@ -373,19 +370,21 @@ def _check_names(choice: Choice, frames: Sequence[str]) -> None:
         other = found.setdefault(new, frame)
         if other != frame:
             raise InvalidArgument(
-                f"rename: {other!r} and {frame!r} would both be called {new!r}", value=new
+                f"rename: {other!r} and {frame!r} would both be called {new!r}; give one of them "
+                "another name",
+                value=new,
             )
 
 
 def _way_on(source: Source) -> str:
-    """How the poses of a topic are read, where no topic has transforms."""
+    """Hint at the option that reads the poses of a topic, if no topic has transforms."""
     if source.encoding in encodings_of(source.type):
         return f"; pose_topics={source.topic!r} (--pose-topic {source.topic}) reads its poses"
     return f"; topic {source.topic!r} {_not_read(source)}"
 
 
 def _not_read(source: Source) -> str:
-    """What is said of a topic whose messages have an encoding that is not read."""
+    """Describe the unknown encoding of a topic."""
     listed = ", ".join(encodings_of(source.type))
     return f"is encoded as {source.encoding[:40]!r}, which is not read: {listed} are"
 

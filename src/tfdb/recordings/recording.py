@@ -1,6 +1,6 @@
 """Open recordings: ROS 1 bags, ROS 2 databases and bag folders, MCAP files; trajectory files.
 
-Nothing that is imported for it before it is used: lz4, zstd, YAML.
+lz4, zstd and YAML are imported on first use.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ MAX_RUN = 4096
 
 @dataclass
 class Run:
-    """Messages that follow each other and are stored alike: those at [first, last) of `messages`.
+    """Consecutive messages that are stored alike: [first, last) of `messages`.
 
-    `sources` are by the numbers that they have there; `start` and `end` are the times of reception
-    (ns) of the first and the last.
+    `sources` are indexed by the numbers in `messages`; `start` and `end` are the receive times (ns)
+    of the first and the last.
     """
 
     messages: Recorded
@@ -77,22 +77,23 @@ class Recording(Closable):
     ----------
     path
         A ROS 1 `.bag` (also compressed), a ROS 2 `.db3`, an `.mcap`, one of these packed with zstd,
-        or a ROS 2 bag folder: what it is, its first bytes tell. Or a trajectory, `.tum`, `.txt`,
-        `.csv`, `.npz` or `.parquet`.
+        or a ROS 2 bag folder; the first bytes decide. Or a trajectory: `.tum`, `.txt`, `.csv`,
+        `.npz` or `.parquet`.
     salvage
-        Read damaged, cut and unindexed files as far as they go; `losses` says what is missing. Rows
-        of trajectories are sorted, mended and skipped as by `Trajectory.read`; `rows` counts them.
+        Read damaged, cut and unindexed files as far as possible; `losses` lists the losses. Rows of
+        trajectories are sorted, mended and skipped as by `Trajectory.read`; `rows` counts them.
     stamp_unit
         The unit of stamps in the text of a trajectory; see `Trajectory.read`.
 
     Raises
     ------
     RecordingError
-        No recording, damaged, cut short, or the libraries are not installed. Fields: path, reason.
+        The file is not a recording, is damaged or cut short, or a library is not installed. Fields:
+        path, reason.
     TrajectoryError
-        A file whose name is that of a trajectory holds none.
+        A file with the extension of a trajectory holds none.
     InvalidArgument
-        What is not a path, or an empty one.
+        The path is empty or not a path.
     OSError
         The file cannot be opened or read.
     """
@@ -114,32 +115,32 @@ class Recording(Closable):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """The streams of transforms: topic, encoding, who published, number of messages."""
+        """The streams of transforms: topic, encoding, publisher, number of messages."""
         return tuple(filter(_is_tf, self._container.sources))
 
     @property
     def all_sources(self) -> tuple[Source, ...]:
-        """These, and the streams of poses and joint states, which are read where wanted."""
+        """All streams that can be read: transforms, poses and joint states."""
         return self._container.sources
 
     @property
     def start(self) -> int:
-        """When the first message was received, nanoseconds; 2**63 - 1 without messages."""
+        """Receive time of the first message, nanoseconds; 2**63 - 1 without messages."""
         return self._container.start
 
     @property
     def store(self) -> str:
-        """Which store a tfdb.Recorder recorded; empty for other files."""
+        """Id of the store that a tfdb.Recorder recorded; empty for other files."""
         return self._container.store
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on unfinished or renamed files: how they were read."""
+        """Remarks on how unfinished or renamed files were read."""
         return tuple(f"{self.path}: {note}" for note in self._container.notes)
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What salvaging could not save; empty without it."""
+        """Losses of a salvaged file; empty without `salvage`."""
         return self._container.losses
 
     @property
@@ -152,9 +153,9 @@ class Recording(Closable):
     ) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and raw bytes of each TFMessage, in order of reception.
 
-        `wanted` chooses among all sources, None takes those of transforms. `since` is the earliest
-        reception: what the index says to be earlier is not read. Raises `RecordingError` where the
-        file is damaged, which may be after some messages.
+        `wanted` selects sources; None: those of transforms. `since` is the earliest receive time;
+        the index lets earlier chunks be skipped. Raises `RecordingError` at damage, which may be
+        after some messages.
         """
         return self._container.messages(wanted or _is_tf, since)
 
@@ -164,11 +165,11 @@ class Recording(Closable):
         kind: Callable[[Source], object] | None = None,
         step: Callable[[int], None] | None = None,
     ) -> Iterator[Run]:
-        """All messages, or none: `RecordingError` at once where the file is damaged.
+        """All messages in runs. Raises `RecordingError` before the first run if there is damage.
 
-        The runs are read while they are asked for: keep the recording open, and the file as it is.
-        A run ends where `kind` of the source changes, by default its topic, and between transforms
-        and others. `step` is called with the number of messages since the last call.
+        The runs are read lazily: keep the recording open and the file unchanged. A run ends where
+        `kind` of the source changes (by default its topic), and between transforms and other
+        messages. `step` is called with the number of messages since the last call.
         """
         wanted, kind = wanted or _is_tf, kind or _topic
         parts = self._container.read(wanted, step or _ignore)

@@ -34,8 +34,8 @@ _TOGETHER = 1024
 class RecordingWriter:
     """Writes messages of transforms to a new recording. Not for several threads at once.
 
-    A context manager: the file appears under its name when all is written, and not at all when an
-    exception ends the block.
+    A context manager: at the end of the block the file appears under its name, after an exception
+    it does not.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ class RecordingWriter:
     compress
         zstd for MCAP, bz2 for bags; `.db3` files have no compression.
     overwrite
-        Whether a file of that name may be replaced.
+        Replace an existing file.
 
     Raises
     ------
     RecordingError
-        Another ending, or the file exists. Fields: path, reason.
+        An unknown extension, or the file exists. Fields: path, reason.
     """
 
     def __init__(self, path: PathLike, *, compress: bool = False, overwrite: bool = False) -> None:
@@ -89,7 +89,7 @@ class RecordingWriter:
     ) -> None:
         """Append one TFMessage, encoded as `encoding` says, received at a stamp (ns).
 
-        Raises InvalidStamp for a time that no recording holds.
+        Raises InvalidStamp for a time outside 0 to 2**64 - 1 ns.
         """
         if not 0 <= received < 2**64:
             raise InvalidStamp(f"received must be 0 to 2^64 - 1 ns, got {received}", value=received)
@@ -99,7 +99,7 @@ class RecordingWriter:
 
     def connection(self, topic: str, authority: str = "", *, static: bool = False) -> int:
         """Return the number of a topic and its publisher, for `write_messages`."""
-        # Files of ROS 2 do not say who published: one connection for all of a topic.
+        # ROS 2 files have no publisher names: one connection for each topic.
         connection = Connection(topic, authority if self.encoding == "ros1" else "", static)
         number = self._connections.get(connection)
         if number is None:
@@ -109,7 +109,7 @@ class RecordingWriter:
         return number
 
     def write_messages(self, messages: Recorded) -> None:
-        """Append messages of which each source is the number of a connection."""
+        """Append messages; the source of each is the number of a connection."""
         container = self._opened()
         pending, self._pending = self._pending, Recorded()
         for each in (pending, messages):
@@ -136,7 +136,7 @@ class RecordingWriter:
 
 @contextmanager
 def _database_errors(path: Path) -> Iterator[None]:
-    """Turn what SQLite says of the file system into `OSError`."""
+    """Turn SQLite's file system errors into `OSError`."""
     try:
         yield
     except sqlite3.OperationalError as error:

@@ -37,18 +37,18 @@ if TYPE_CHECKING:
 
 
 class Rewriter:
-    """Leaves out of messages what was not chosen, and gives frames their names.
+    """Selects transforms of messages, and renames frames.
 
     Parameters
     ----------
     choice
-        What was asked for.
+        The selection.
     window
-        First and last stamp of moving transforms that are kept.
+        First and last stamp of moving transforms to keep.
     children
-        The child frames of the edges that are kept; None: all.
+        Child frames of the edges to keep; None: all.
     joints
-        What makes transforms of joint states.
+        Converter of joint states to transforms.
     """
 
     def __init__(
@@ -87,12 +87,12 @@ class Rewriter:
 
     @property
     def left_out(self) -> int:
-        """How many transforms were not wanted."""
+        """Number of skipped transforms."""
         return self._left_out + self._selection.left_out
 
     @property
     def moving(self) -> int:
-        """How many moving transforms were kept, where something is chosen."""
+        """Number of kept moving transforms, if there is a choice."""
         return self._moving + self._selection.moving
 
     def ingest(
@@ -105,7 +105,7 @@ class Rewriter:
         authorities: Mapping[int, str] | None = None,
         forgotten: _core.Forgotten | None = None,
     ) -> IngestResult:
-        """Store what is wanted of a run, as `_core.ingest_recorded` does."""
+        """Store the wanted part of a run, as `_core.ingest_recorded` does."""
         part, chosen = self._part(run, static=static)
         return _core.ingest_recorded(
             store,
@@ -125,7 +125,7 @@ class Rewriter:
         encoding: str,
         static: bool,
     ) -> None:
-        """Add what is wanted of a run of TFMessages to messages that will be written."""
+        """Add the wanted part of a run of TFMessages to messages to write."""
         sources = {
             id_: (source.authority, self._rules.number(source))
             for id_, source in run.sources.items()
@@ -142,7 +142,7 @@ class Rewriter:
         )
 
     def survey(self, run: Run, survey: _core.EdgeSurvey, encoding: str, static: bool) -> None:
-        """Add what is wanted of a run to a survey."""
+        """Add the wanted part of a run to a survey."""
         part, chosen = self._part(run, static=static)
         _core.survey_recorded(survey, *part, encoding=encoding, static=static, **chosen)
 
@@ -155,7 +155,7 @@ class Rewriter:
         *,
         publishers: Mapping[int, str],
     ) -> None:
-        """Add what is wanted of a run to a log; `publishers` by source."""
+        """Add the wanted part of a run to a log; `publishers` by source."""
         part, chosen = self._part(run, static=static)
         log.add(
             *part,
@@ -169,7 +169,7 @@ class Rewriter:
     def children(
         self, run: Run, encoding: str, static: bool
     ) -> dict[int, dict[str, tuple[int, int]]]:
-        """Return the child frames of what is wanted of a run, by source.
+        """Return the child frames of the wanted part of a run, by source.
 
         Each has its first and last stamp.
         """
@@ -177,7 +177,7 @@ class Rewriter:
         return _core.recorded_children(*part, encoding=encoding, static=static, **chosen)
 
     def _part(self, run: Run, *, static: bool) -> tuple[tuple[Recorded, int, int], _Chosen]:
-        """Messages of transforms, and what chooses among them."""
+        """Messages of transforms, and their selection."""
         if not run.source.is_tf:
             made = self._made(run, static=static)
             return (made, 0, len(made)), {"selection": None, "rules": {}}
@@ -188,7 +188,7 @@ class Rewriter:
         return part, {"selection": self._selection, "rules": rules}
 
     def _made(self, run: Run, *, static: bool) -> Recorded:
-        """What is wanted of other messages, as messages of transforms."""
+        """The wanted part of other messages, as messages of transforms."""
         made = _core.Recorded()
         for received, id_, _, left in self.remaining(run, static=static):
             encoded = self.encoded(left, OTHERS) if left else None
@@ -276,11 +276,11 @@ class Rewriter:
         return names
 
     def again(self) -> Rewriter:
-        """Make a rewriter that does the same, and has seen nothing yet."""
+        """Make an equal rewriter with empty counts."""
         return self._with(self._choice)
 
     def without_names(self) -> Rewriter:
-        """Make a rewriter that leaves out the same, and keeps all names."""
+        """Make a rewriter that skips the same, and keeps all names."""
         return self._with(self._choice.without_names())
 
     def _with(self, choice: Choice) -> Rewriter:
@@ -335,7 +335,7 @@ class Rewriter:
     def transforms(
         self, given: Sequence[TransformStamped], source: Source, *, static: bool
     ) -> list[TransformStamped]:
-        """What is left of the transforms of one message."""
+        """The wanted transforms of one message."""
         if self.is_idle:
             return list(given)
         is_out = self._rules.excludes_source(source)
@@ -358,7 +358,7 @@ class Rewriter:
         )
 
     def warn(self, what: str, depth: int, *, untimed: bool = True) -> None:
-        """Warn of options that did nothing, or too much; the caller is `depth` frames up.
+        """Warn of options without effect, or that skip everything; the caller is `depth` frames up.
 
         `untimed`: warn also of transforms without a timestamp.
         """
@@ -369,21 +369,17 @@ class Rewriter:
         if unused:
             plain = [entry for entry in unused if not set(entry) & set("*?")]
             hint = did_you_mean(plain, self._rules.names)
-            message = (
-                f"exclude: nothing that was read of {what} is called {first_few(unused)}{hint}"
-            )
+            message = f"exclude: nothing read from {what} is called {first_few(unused)}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         known = self._known()
         unknown = sorted(set(choice.rename) - known)
         if unknown:
             hint = did_you_mean(unknown, known)
-            message = (
-                f"rename: nothing was loaded of {what} that is called {first_few(unknown)}{hint}"
-            )
+            message = f"rename: nothing read from {what} is called {first_few(unknown)}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         left_out = self._left_out_names()
         if left_out:
-            message = f"rename: {first_few(left_out)} of {what}: left out by {choice.limits}"
+            message = f"rename: {first_few(left_out)} of {what} is left out by {choice.limits}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         if self._all_outside() and not self.moving:
             message = f"{what}: nothing moves {self._described()}"
@@ -402,16 +398,16 @@ class Rewriter:
             raise UnknownFrame(text, frame=frame)
 
     def _known(self) -> set[str]:
-        """The old names of the frames that were seen, as errors may show them."""
+        """The old names of all frames seen, for error texts."""
         found = self._loaded().keys() | self._rules.seen
         return {each for each in found if each and each.isprintable()}
 
     def _left_out_names(self) -> list[str]:
-        """The frames to be renamed that were seen, and of which nothing was loaded."""
+        """The frames to be renamed that were skipped."""
         return sorted((self._choice.rename.keys() & self._known()) - self._loaded().keys())
 
     def reason(self) -> str:
-        """Why nothing is left."""
+        """The reason why no transform is left."""
         one = self.left_out == 1
         what = "the only transform is" if one else f"all {self.left_out:,} transforms are"
         count = f"{what} left out by {self._choice.limits}"
@@ -457,7 +453,7 @@ class Rewriter:
 
 
 def describe_untimed(topic: str, count: int) -> str:
-    """Say how many transforms of a topic have no timestamp."""
+    """Describe how many transforms of a topic have no timestamp."""
     what = f"{counted(count, 'transform')} of topic {topic!r}"
     if count == 1:
         return f"{what} has no timestamp and gets the log time of its message"

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass
 class Written:
-    """What was written.
+    """Counts of what was written.
 
-    Of `skipped` messages nothing can be written, of `left_out` nothing was wanted; of the others
-    `refused` transforms cannot be written.
+    `skipped` messages cannot be written, `left_out` messages have no wanted transform. `refused`
+    transforms of the other messages cannot be written.
     """
 
     messages: int = 0
@@ -40,7 +40,7 @@ class Written:
 
     @property
     def read(self) -> int:
-        """How many messages there were."""
+        """Number of messages read."""
         return self.messages + self.skipped + self.left_out
 
 
@@ -64,7 +64,7 @@ class Rewriting:
 
     @property
     def written(self) -> Written:
-        """What was done so far."""
+        """The counts so far."""
         ours, theirs = self._others, self._natively
         return Written(
             ours.messages + theirs.messages,
@@ -86,7 +86,7 @@ class Rewriting:
                 self._others.transforms += len(fixed)
 
     def messages(self, recording: Recording, rewriter: Rewriter) -> Iterator[_core.Recorded]:
-        """Give what is left of a recording's messages, in parts, for the writer."""
+        """Yield the wanted part of a recording's messages, in parts, for the writer."""
         for run in recording.read(self._choice.wants, self._choice.kind):
             out = _core.Recorded()
             encoding, static = self._choice.kind(run.source)
@@ -98,7 +98,7 @@ class Rewriting:
             yield out
 
     def refusals(self) -> list[RefusedEdge]:
-        """Return what was refused of TFMessages."""
+        """Return the refused transforms of TFMessages."""
         return self._natively.refusals()
 
     def _connection(self, source: Source) -> int:
@@ -135,9 +135,9 @@ def rewrite(
     *,
     by_time: bool = False,
 ) -> Written:
-    """Write what rewriters, one for each of `recordings.given`, leave of the recordings.
+    """Write recordings through rewriters, one for each of `recordings.given`.
 
-    `by_time`: messages come in the order of their reception, not file after file.
+    `by_time`: messages are sorted by their receive times, not written file after file.
     """
     rewriting = Rewriting(writer, recordings.choice)
     rewriting.write_fixed_joints(dict.fromkeys(rewriters), recordings.files[0].start)
@@ -156,7 +156,7 @@ def rewrite(
 
 
 def merged(streams: Sequence[Iterator[_core.Recorded]]) -> Iterator[_core.Recorded]:
-    """Merge messages by the time of reception; those of one time come in the order of streams."""
+    """Merge messages by receive time; messages of one time come in the order of streams."""
     heads = {number: next(filter(len, stream), None) for number, stream in enumerate(streams)}
     places = dict.fromkeys(heads, 0)
     while waiting := {number: part for number, part in heads.items() if part is not None}:

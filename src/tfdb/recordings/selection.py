@@ -49,64 +49,63 @@ class Selection:
     Parameters
     ----------
     topics
-        Which topics to read; None: all that hold transforms, TFMessage or Foxglove's
-        FrameTransform and FrameTransforms. A mapping renames them, as in
+        Topics to read; None: every topic of transforms (TFMessage, and Foxglove's FrameTransform
+        and FrameTransforms). A mapping renames them, as in
         `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
-        `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`;
-        Foxglove's, when the name ends in `_static`.
+        `tf_static`. Transforms are static if the last part of the topic's name is `tf_static`;
+        Foxglove's, if the name ends in `_static`.
     start, end
-        The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
-        the command line takes it. Text is in seconds (`"1700000012.5"`), in nanoseconds
+        First and last stamp of the moving transforms to read: nanoseconds, or text as on the
+        command line. Text is in seconds (`"1700000012.5"`), in nanoseconds
         (`"1700000012500000000ns"`), or a date, in UTC unless it has a time zone
         (`"2026-05-17T12:00:00.25+02:00"`). `"+12.5"` counts from the first moving stamp of the
-        recordings, `"-0.5"` back from the last: `exclude` leaves stamps out of that, `frames` does
-        not. Static transforms are kept always.
+        recordings, `"-0.5"` back from the last. These two stamps depend on `exclude`, but not on
+        `frames`. Static transforms are always read.
     keep
-        Only so many seconds before the earlier of `end` and the last moving stamp.
+        Read only this many seconds before the earlier of `end` and the last moving stamp.
     frames
-        Only the edges on the paths between these frames. Where one tree holds only one of them:
-        those on its path to the root.
+        Read only the edges on the paths between these frames. In a tree with only one of them:
+        the edges on its path to the root.
     exclude
-        Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
-        one: edges from or to these frames are left out, and all transforms of these topics and
-        nodes. Frames below form a tree of their own; `frames` counts paths without them.
-        `"/tf_static:base_link"` names one edge on one topic, by its child frame.
+        Frames, topics or publishing nodes to skip; `*` stands for any letters, `?` for one. A frame
+        stands for all edges from and to it, and frames below it become a tree of their own.
+        `frames` looks for paths without them. `"/tf_static:base_link"` is one edge on one topic,
+        named by its child frame.
     rename
-        New names of frames by their old ones, as in `{"map": "world"}`. `frames` and `exclude` are
-        about the old ones.
+        New frame names by the old ones, as in `{"map": "world"}`. `frames` and `exclude` use the
+        old names.
     pose_topics
         Topics whose poses become moving edges: Odometry, TransformStamped, PoseStamped,
-        PoseWithCovarianceStamped, Path, and Foxglove's PoseInFrame. The edge goes from the frame of
-        the header to the child that the message names; a mapping names it where the message does
-        not, or not well: `{"/pose": "base_link"}`. With `topics=()` they are all that is read.
+        PoseWithCovarianceStamped, Path, and Foxglove's PoseInFrame. The parent is the frame of the
+        header, the child the one that the message names. A mapping sets the child:
+        `{"/pose": "base_link"}`. With `topics=()` no other topic is read.
     urdf
-        The model of the robot, or its file: joint states become moving edges, fixed joints static
-        ones. Frames that the recording's transforms place are not overwritten by the model. The
-        report's `joints` lists joints that are missing, unknown or beyond their limits.
+        Robot model, or its file: joint states become moving edges, fixed joints static edges.
+        Frames of the recording's own transforms are not overwritten by the model. The report's
+        `joints` lists joints that are missing, unknown or beyond their limits.
     joint_topic
-        The topic of the joint states; None: `/joint_states`, or the only one.
+        Topic of the joint states; None: `/joint_states`, or the only one.
     stamp_unit
-        The unit of stamps in the text of trajectories: `"s"`, `"ms"`, `"us"` or `"ns"`. None: the
-        unit that the file names, else found by the size of the stamps, with a warning.
+        Unit of the stamps in trajectory files: `"s"`, `"ms"`, `"us"` or `"ns"`. None: the unit in
+        the header, otherwise by the size of the stamps, with a warning.
     prefix
-        What is put before the name of each frame, after `rename`: `"robot1/"`.
+        Text before the name of each frame, after `rename`: `"robot1/"`.
     by_namespace
-        Keep groups of topics apart: the frames of `/robot1/tf` and `/robot1/tf_static` get the
-        prefix `robot1/`, those of `/tf_old` the prefix `tf_old/`, those of `/tf` none. Topics of
-        poses get the prefix of their namespace. The other options are about these names. Not with
-        `urdf`.
+        Prefix the frames of each group of topics: `robot1/` for `/robot1/tf` and
+        `/robot1/tf_static`, `tf_old/` for `/tf_old`, none for `/tf`. Topics of poses get the prefix
+        of their namespace. The other options use the prefixed names. Not with `urdf`.
     mix
-        Load all topics and files into one tree, although they disagree on an edge: of samples
-        with one stamp the last one counts, and lookups interpolate between the sources.
+        Load all topics and files into one tree, although they disagree on an edge. At one stamp the
+        last sample counts; lookups interpolate between samples of different sources.
     salvage
-        Read damaged, cut and unindexed files as far as they go, and bag folders without the files
-        that are missing; the report says what was lost. Rows of trajectories are sorted by their
-        stamps, and skipped where they hold no valid stamp or pose.
+        Read damaged, cut and unindexed files as far as possible, and bag folders without their
+        missing files; the report lists the losses. Rows of trajectories are sorted by their stamps,
+        and skipped without a valid stamp or pose.
 
     Raises
     ------
     InvalidArgument, InvalidStamp
-        A value that its field does not take, and values that exclude each other.
+        An invalid value of a field, or fields that exclude each other.
     ModelError
         `urdf` is not a robot model.
     """
@@ -227,7 +226,7 @@ class Choice:
             None if given.frames is None else _names("frames", given.frames)
         )
         if self.frames is not None and not self.frames:
-            raise InvalidArgument("frames is empty: name some, or give None for all", value=())
+            raise InvalidArgument("frames is empty: name frames, or give None for all", value=())
         self.exclude: tuple[str, ...] = _names("exclude", given.exclude)
         self.keep: int | None = _seconds(given.keep)
         self.rename: dict[str, str] = _mapping(given.rename)
@@ -243,28 +242,28 @@ class Choice:
         self.mix: bool = check_flag("mix", given.mix)
         if self.mix and self.by_namespace:
             raise InvalidArgument(
-                "mix puts groups of topics together, by_namespace keeps them apart"
+                "mix and by_namespace exclude each other: one tree, or a prefix for each group"
             )
         if self.model is not None and self.by_namespace:
             raise InvalidArgument(
-                "by_namespace keeps robots apart, and urdf is the model of one robot: name the "
-                "topics of that robot"
+                "by_namespace and urdf exclude each other: urdf describes one robot, so give its "
+                "topics"
             )
         unit = given.stamp_unit
         self.stamp_unit: Unit | None = None
         if unit is not None:
             self.stamp_unit = check_word("stamp_unit", unit, UNITS)
         self.roles: dict[str, str] | None = _roles(given.topics)
-        """What each topic is read as; None: all are, as they are called."""
+        """The name to read each topic as; None: all topics under their own names."""
 
     @property
     def topics(self) -> set[str]:
-        """The topics that were asked for by name."""
+        """The topics that the user names."""
         return {*(self.roles or ()), *self.pose_topics}
 
     @property
     def reads_others(self) -> bool:
-        """Whether anything is read beside transforms."""
+        """Whether other messages than transforms are read."""
         return bool(self.pose_topics or self.model)
 
     @property
@@ -291,17 +290,17 @@ class Choice:
         return source.holds_transforms and role.rsplit("/", 1)[-1] == "tf_static"
 
     def kind(self, source: Source) -> tuple[str, bool]:
-        """Return what the messages of a run have in common: the stored encoding, and if static."""
+        """Return the shared properties of a run: the stored encoding, and whether it is static."""
         return source.encoding if source.is_tf else OTHERS, self.is_static(source)
 
     def is_judged(self, source: Source) -> bool:
-        """Return whether a source holds transforms that were not asked for by name."""
+        """Return whether a source has wanted transforms and is not one of `pose_topics`."""
         is_named = absolute(source.topic) in self.pose_topics
         return source.holds_transforms and self.wants(source) and not is_named
 
     @property
     def limits(self) -> str:
-        """What leaves out edges and stamps, in words; empty: nothing."""
+        """The options that skip edges or stamps, as text; empty without one."""
         return _in_words(
             start=self.start,
             end=self.end,
@@ -322,7 +321,7 @@ class Choice:
 
     @property
     def key(self) -> str:
-        """The same words for the same choice; empty: that of everything."""
+        """A text that equal choices share; empty for the choice of everything."""
         others = _in_words(
             rename=sorted(self.rename.items()),
             prefix=self.prefix,
@@ -339,16 +338,16 @@ class Choice:
 
     @property
     def needs_survey(self) -> bool:
-        """Whether the recordings are looked through before."""
+        """Whether the recordings must be read once before."""
         offsets = any(time is not None and time.since for time in (self.start, self.end))
         return bool(offsets or self.keep or self.frames or self.rename or self.model)
 
     def without_names(self) -> Choice:
-        """Leave out the same, and keep all names."""
+        """Skip the same, and keep all names."""
         return self._but(prefix="", rename={})
 
     def of_origins(self) -> Choice:
-        """Keep alone what decides where a transform comes from."""
+        """Keep only the fields that decide about the origin of a transform."""
         everything = Choice(Selection())
         kept = ("exclude", "pose_topics", "by_namespace", "roles")
         return everything._but(**{name: getattr(self, name) for name in kept})
@@ -380,7 +379,7 @@ def _roles(topics: Any) -> dict[str, str] | None:
 
 
 def role_of(topic: str, name: Any) -> str:
-    """What a topic is read as; raises InvalidArgument for what says neither moving nor static."""
+    """The name to read a topic as; raises InvalidArgument unless it ends in tf or tf_static."""
     role = absolute(name)
     if role.rsplit("/", 1)[-1] in ROLES or role == absolute(topic):
         return role
@@ -391,7 +390,7 @@ def role_of(topic: str, name: Any) -> str:
 def _prefix(given: Any) -> str:
     if not isinstance(given, str):
         kind = type(given).__name__
-        raise InvalidArgument(f"prefix is what to put before names, got a {kind}", value=given)
+        raise InvalidArgument(f"prefix must be a str, got {kind}", value=given)
     return given.removeprefix("/")
 
 
@@ -402,7 +401,7 @@ def _seconds(keep: Any) -> int | None:
     is_number = isinstance(keep, Real) and not isinstance(keep, bool)
     if not is_number or not 5e-10 < keep < 2**31:
         raise InvalidArgument(
-            f"keep is how many seconds before the last moving stamp are kept, not {shown(keep)}",
+            f"keep must be a positive number of seconds below 2**31, got {shown(keep)}",
             value=keep,
         )
     return round(float(keep) * 10**9)
@@ -424,7 +423,7 @@ def _mapping(given: Any) -> dict[str, str]:
     if given is None:
         return {}
     if not isinstance(given, Mapping):
-        raise InvalidArgument(f"rename maps names to names, got {shown(given)}", value=given)
+        raise InvalidArgument(f"rename must map names to names, got {shown(given)}", value=given)
     old, new = _names("rename", given.keys()), _names("rename", given.values())
     for name in old:
         if old.count(name) > 1:
@@ -459,5 +458,7 @@ def absolute(topic: Any) -> str:
     """Return the name of a topic with its leading slash."""
     if not isinstance(topic, str):
         kind = type(topic).__name__
-        raise InvalidArgument(f"topics are names or map names to names, got a {kind}", value=topic)
+        raise InvalidArgument(
+            f"topics must be names, or map names to names, got {kind}", value=topic
+        )
     return "/" + topic.strip("/")

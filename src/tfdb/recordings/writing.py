@@ -44,21 +44,21 @@ def write_recording(
 ) -> int:
     """Write all transforms of one snapshot of a store to a `.bag`, `.mcap` or `.db3` file.
 
-    Static transforms come first, in one message on `/tf_static`. Then, in order of the stamps, one
-    message on `/tf` for all samples with the same stamp. In bags, authorities have messages of
-    their own and become the publishing nodes. Messages are received at their stamp. The file
-    appears under its name when it is complete.
+    Static transforms come first, in one message on `/tf_static`. Then all samples of one stamp make
+    one message on `/tf`, in the order of stamps. In bags each authority has its own messages and
+    becomes a publishing node. The receive time of a message is its stamp. The file appears under
+    its name when it is complete.
 
     Parameters
     ----------
     path
         A name that ends in `.bag` (ROS 1), `.mcap` or `.db3` (ROS 2).
     store
-        What to write.
+        The store to write.
     compress
         zstd for MCAP, bz2 for bags.
     overwrite
-        Whether a file of that name may be replaced.
+        Replace an existing file.
     progress
         Called with (samples written, samples in all).
 
@@ -70,9 +70,9 @@ def write_recording(
     Raises
     ------
     RecordingError
-        Another ending, the file exists, nothing to write, the libraries are not installed.
+        An unknown extension, an existing file, nothing to write, or a missing library.
     InvalidStamp
-        A stamp beyond what the file's encoding can hold.
+        A stamp beyond the range of the file's encoding.
     OSError
         The file cannot be written.
     """
@@ -113,9 +113,9 @@ def write_transforms(
 ) -> int:
     """Write a stream of transforms to a `.bag`, `.mcap` or `.db3` file; returns the messages.
 
-    `static` goes to `/tf_static` in one message. `transforms` goes to `/tf`: those that follow each
-    other with the same stamp in one message, received at that stamp. Stamps are integer
-    nanoseconds. Other parameters and errors as in `write_recording`.
+    `static` goes to `/tf_static` in one message. `transforms` goes to `/tf`: consecutive ones with
+    the same stamp make one message, with that receive time. Stamps are integer nanoseconds. Other
+    parameters and errors as in `write_recording`.
     """
     for name, given in (("transforms", transforms), ("static", static)):
         refuse_without(given, name, "an iterable of TransformStamped", "__iter__")

@@ -78,11 +78,11 @@ class JointReport:
         if self.wide:
             yield describe_wide(self.wide)
         if self.unknown:
-            yield f"the model has no joint {_few(self.unknown)}, which the joint states name"
+            yield f"the joint states name {_few(self.unknown)}, which the model lacks"
         if self.beyond:
             yield "joint " + "; ".join(map(str, self.beyond))
         if self.not_finite:
-            yield f"positions that are not finite are left out, of {_few(tuple(self.not_finite))}"
+            yield f"infinite or NaN positions are skipped, of {_few(tuple(self.not_finite))}"
 
 
 class JointStates:

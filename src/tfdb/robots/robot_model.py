@@ -80,16 +80,17 @@ class Joint:
 
     @property
     def width(self) -> int:
-        """How many numbers its position has: 0 fixed, 1, 3 planar (x, y, angle), 7 floating."""
+        """Number of values of its position: 0 fixed, 3 planar (x, y, angle), 7 floating, else 1."""
         return _WIDTHS.get(self.kind, 1)
 
 
 def _checked_links(links: Any, joints: Any, root: str) -> tuple[str, ...]:
-    """Return the links of a tree; raise InvalidArgument where they and the joints make none."""
+    """Return the links; raise InvalidArgument unless they and the joints form one tree."""
     if not isinstance(links, tuple | list) or not all(isinstance(link, str) for link in links):
-        raise InvalidArgument(f"links are names of links, got {shown(links)}", value=links)
+        raise InvalidArgument(f"links must be names, got {shown(links)}", value=links)
     if not isinstance(joints, Mapping) or not all(isinstance(j, Joint) for j in joints.values()):
-        raise InvalidArgument(f"joints are Joint by their names, got {shown(joints)}", value=joints)
+        reason = f"joints must map names to Joint objects, got {shown(joints)}"
+        raise InvalidArgument(reason, value=joints)
     below: dict[str, list[str]] = {}
     for joint in joints.values():
         below.setdefault(joint.parent, []).append(joint.child)
@@ -98,7 +99,7 @@ def _checked_links(links: Any, joints: Any, root: str) -> tuple[str, ...]:
         reached += below.pop(link, [])
     if below or len(reached) != len(links) or set(reached) != set(links):
         raise InvalidArgument(
-            f"the joints make no tree of the links {shown(links)} below {root!r}: from there they "
+            f"the joints must form one tree of the links {shown(links)} below {root!r}, but they "
             f"reach {shown(reached)}",
             value=root,
         )

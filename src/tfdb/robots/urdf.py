@@ -76,7 +76,7 @@ def parse_urdf(text: str | bytes, name: str = "<robot_description>") -> RobotMod
     if isinstance(text, str):
         text = text.encode(errors="surrogatepass")  # text that is not Unicode is not XML either
     if not isinstance(text, bytes | bytearray | memoryview):
-        raise TypeError(f"text is that of a URDF, as str or bytes, got {shown(text)}")
+        raise TypeError(f"text must be a URDF, as str or bytes, got {shown(text)}")
     return _read(bytes(text), name)
 
 
@@ -181,7 +181,7 @@ class Reader:
     def add(self, known: dict[str, Element], name: str, element: Element) -> None:
         """Add an element by its name; refuse a second one."""
         if name in known:
-            self.refuse(element, f"{element.tag} {name!r} is there twice")
+            self.refuse(element, f"{element.tag} {name!r} is defined twice")
         known[name] = element
 
     def joint(self, element: Element) -> Joint:
@@ -237,7 +237,7 @@ class Reader:
     def quaternion(self, element: Element) -> tuple[float, ...]:
         """The unit quaternion `quat_xyzw` of an origin."""
         if element.get("rpy") is not None:
-            self.refuse(element, "the origin has both rpy and quat_xyzw; one of them must go")
+            self.refuse(element, "the origin has both rpy and quat_xyzw; remove one of them")
         values = self.numbers(element, "quat_xyzw", (), count=4)
         length = math.hypot(*values)
         if abs(length * length - 1.0) > MAX_NORM_ERROR:
@@ -265,7 +265,7 @@ class Reader:
             return None
         leader = element.get("joint")
         if not leader:
-            self.refuse(element, f"joint {joint!r} mimics no joint by name")
+            self.refuse(element, f"joint {joint!r} has a <mimic> without a joint name")
         if kind == "fixed":
             return None
         if kind not in ("revolute", "continuous", "prismatic"):
@@ -301,7 +301,8 @@ class Reader:
         roots = [link for link in links if link not in above]
         if len(roots) > 1:
             listed = ", ".join(map(repr, roots[:5]))
-            self.refuse(links[roots[1]], f"{len(roots)} links have no parent, one must: {listed}")
+            reason = f"{len(roots)} links have no parent, only the root may: {listed}"
+            self.refuse(links[roots[1]], reason)
         return roots[0]
 
     def check_mimics(self, joints: dict[str, Joint], lines: dict[str, Element]) -> None:

@@ -40,21 +40,21 @@ _EXPLAINED = (UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoS
 
 @dataclass(frozen=True, slots=True)
 class EdgeExplanation:
-    """What one edge of the path contributes, or why it cannot."""
+    """One edge of an explained path: the samples that it uses, or why it has none."""
 
     child: str
-    """Frame whose edge to its parent it is."""
+    """Child frame of the edge."""
     parent: str
-    """Its parent."""
+    """Parent frame of the edge."""
     ok: bool
-    """Whether it has an answer."""
+    """Whether the edge has an answer."""
     text: str
-    """The same in words."""
+    """The explanation as text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Why a lookup of T[target<-source] has an answer, or has none."""
+    """Why a lookup of T[target<-source] has an answer, or fails."""
 
     target: str
     """Frame asked for."""
@@ -63,11 +63,11 @@ class Explanation:
     ok: bool
     """Whether there is an answer."""
     text: str
-    """All of it in words; also what str() gives."""
+    """The explanation as text, also returned by str()."""
     edges: tuple[EdgeExplanation, ...]
-    """The edges of the path; where there is none, those from both frames up to their roots."""
+    """The edges of the path; without a path, the edges from both frames up to their roots."""
     error: TfdbError | None
-    """What the lookup would raise."""
+    """The error that the lookup would raise; None if it has an answer."""
 
     def __str__(self) -> str:
         return self.text
@@ -93,10 +93,10 @@ def explain_lookup(
 
 
 def from_one_state(reads: Reads, read: Callable[[Snapshot], T]) -> T:
-    """Read often from one state: the snapshot's, or of a buffer the newest that writers let be."""
+    """Read several times from one state: a snapshot, or the newest state of a buffer."""
     if not isinstance(reads, Buffer):
         return read(cast("Snapshot", reads))
-    # A damaged store says of every state that it is gone: not for ever, then.
+    # In a damaged store every state is too old: limit the attempts.
     for _ in range(999):
         with reads.snapshot() as snapshot, suppress(SnapshotTooOld):
             return read(snapshot)
@@ -122,7 +122,7 @@ class _Case:
         self.policy = policy
 
     def explain(self) -> Explanation:
-        """Look up, and say what came of it."""
+        """Look up, and explain the result."""
         try:
             found = self.snapshot.lookup_transform(
                 self.target, self.source, self.stamp, self.policy
@@ -164,12 +164,12 @@ class _Case:
         )
 
     def _others(self, error: UnknownFrame) -> list[str]:
-        """Which frames there are, unless the error names some that are near."""
+        """List the frames, unless the error suggests similar ones."""
         if "did you mean" in str(error):
             return []
         known = self.snapshot.frames()
         if not known:
-            return ["The store has no frames at all."]
+            return ["The store has no frames."]
         shown = ", ".join(map(repr, known[:8]))
         more = ", ..." if len(known) > 8 else ""
         return [f"The store has {counted(len(known), 'frame')}: {shown}{more}"]
@@ -194,7 +194,7 @@ class _Case:
                 for info in self._chain(tree, name)
             ]
         roots = " and ".join(map(repr, error.frames or ()))
-        advice = [f"No edge joins the two trees: one between {roots} would."]
+        advice = [f"The frames are in two trees: an edge between {roots} would join them."]
         return self._because(error, edges, advice)
 
     def _failing_edge(self, error: TfdbError) -> Explanation:
@@ -209,7 +209,7 @@ class _Case:
         return self._because(error, edges, [self._advice(up + down)])
 
     def _advice(self, edges: list[FrameInfo]) -> str:
-        """Which stamps every edge of the path covers."""
+        """The stamps that every edge of the path covers."""
         several = describe_clocks(clocks(edges, self.snapshot))
         return f"{_covered(edges)} There are {several}." if several else _covered(edges)
 
@@ -253,7 +253,8 @@ def _reason(error: TfdbError) -> str:
         for stamp in (error.stamp, error.limit, error.before, error.after)
     )
     if isinstance(error, Extrapolation):
-        return f"{asked} lies in its {error.reason}" if error.stamp is not None else "no data"
+        beyond = {"past": "before its first sample", "future": "after its last sample"}
+        return f"{asked} is {beyond[error.reason]}" if error.reason in beyond else "no data"
     if isinstance(error, GapTooLarge):
         return f"the gap around {asked}, from {before} to {after}, exceeds {limit}"
     if isinstance(error, Stale) and error.expectation is not None:

@@ -29,24 +29,24 @@ class EdgeUse:
     """How one edge of the path was used. Times are nanoseconds."""
 
     child: str
-    """Frame whose edge to its parent it is; `(removed)` if it was removed since."""
+    """Child frame of the edge; `(removed)` if the frame was removed later."""
     parent: str
     """Its parent at that stamp."""
     used: Used
-    """`static`; `exact`, a sample at the very stamp; `interpolated`, between `before` and `after`;
-    `held`, the sample before as it is; `nearest`; `extrapolated`, beyond them; `latest`."""
+    """`static`; `exact`: the sample at the stamp; `interpolated`: between `before` and `after`;
+    `held`: the sample before, unchanged; `nearest`; `extrapolated`: beyond both; `latest`."""
     before: int | None
     """Stamp of the earlier sample; None for a static edge."""
     after: int | None
-    """Stamp of the later sample, also of another parent's before which this one is held; that of
-    `before` where only one was looked at."""
+    """Stamp of the later sample; of a `held` one, the next sample may have another parent. Equal to
+    `before` if one sample was used."""
     gap: int
-    """Time between the two; 0 where only one was looked at."""
+    """Time between the two samples; 0 if one was used."""
     age: int
-    """How much older than the transform's stamp the sample `before` is; negative where it is
-    newer; 0 for a static edge. In a latest lookup: how much older than the path's newest sample."""
+    """Age of the sample `before` at the transform's stamp: negative if it is newer, 0 for a static
+    edge. In a latest lookup: age relative to the newest sample of the path."""
     inverted: bool
-    """Whether the edge was walked from the parent to the child."""
+    """Whether the path goes from the parent to the child."""
 
     def __str__(self) -> str:
         name = f"T[{self.parent}<-{self.child}]" + (" inverted" if self.inverted else "")
@@ -65,7 +65,7 @@ class EdgeUse:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a transform T[target<-source] was made from. Times are nanoseconds."""
+    """The samples that a transform T[target<-source] was made from. Times are nanoseconds."""
 
     target: str
     """Frame into which it maps."""
@@ -74,8 +74,8 @@ class Report:
     stamp: int
     """The stamp it holds at."""
     edges: tuple[EdgeUse, ...]
-    """From the source up to the meeting point, then from the target up. Empty if it was not
-    looked up, or was multiplied."""
+    """The edges from the source up to the common ancestor, then from the target up. Empty for a
+    product of transforms, or one that was not looked up."""
 
     @property
     def timeless(self) -> bool:
@@ -89,7 +89,7 @@ class Report:
 
     @property
     def max_gap(self) -> int:
-        """Longest gap between the two samples that an edge was made from or held between."""
+        """Longest gap between the two samples of an edge that was interpolated or held."""
         return max((edge.gap for edge in self.edges), default=0)
 
     @property

@@ -108,8 +108,8 @@ def _stored_stamps(
         if start is not None and end is not None:
             _check_order(start, end)
         raise InvalidArgument(
-            f"no stamp is stored on the path T[{target}<-{source}] in that time: give a "
-            "rate, a start and an end for poses between stored ones",
+            f"the path T[{target}<-{source}] has no stored stamp in that time: give rate, start "
+            "and end for poses at other stamps",
             target=target,
             source=source,
         )
@@ -119,7 +119,7 @@ def _stored_stamps(
 def _range(
     snapshot: Snapshot, target: str, source: str, start: int | None, end: int | None
 ) -> tuple[int, int]:
-    """First and last stamp: those given, else those of the path."""
+    """First and last stamp: as given, otherwise those of the path."""
     if start is None or end is None:
         stored = _stored_stamps(snapshot, target, source, start, end)
     first = int(stored[0]) if start is None else start
@@ -139,8 +139,8 @@ def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
     periods = (last - first) / period * (1.0 + 1e-15)
     if period < 1.0 or periods >= _MOST_POSES:
         raise InvalidArgument(
-            f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too high: at most "
-            f"{_MOST_POSES:,} poses can be asked for at once",
+            f"a rate of {rate!r} Hz over {(last - first) / 1e9} s gives more than {_MOST_POSES:,} "
+            "poses: lower the rate, or shorten the time",
             value=rate,
             limit=_MOST_POSES,
         )

@@ -98,11 +98,11 @@ def open_or_make(
     """Implements `Buffer.open`."""
     check_word("mode", check_name("mode", mode), ("r", "rw"))
     if create is not None and not isinstance(create, bool):
-        raise InvalidArgument(f"create is True, False or None, not {create!r}")
+        raise InvalidArgument(f"create must be True, False or None, got {create!r}")
     if create and mode == "r":
         raise InvalidArgument("mode='r' never creates a store: create one with mode 'rw'")
     if clock is not None and not callable(clock):
-        raise InvalidArgument(f"clock is a function that says the time in ns, not {clock!r}")
+        raise InvalidArgument(f"clock must be a function that returns nanoseconds, got {clock!r}")
     path = path_of(name)
     while True:
         if not create:

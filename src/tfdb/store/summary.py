@@ -1,6 +1,6 @@
-"""What a store holds, edge by edge: periods, gaps, trees, the time span.
+"""Figures of a store, edge by edge: periods, gaps, trees, the time span.
 
-The command line, the pictures and the demo show the same numbers because they take them from here.
+The command line, the pictures and the demo use the same figures.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     from tfdb.data.types import FrameInfo
 
 YEAR_NS = 365 * 86_400 * 1_000_000_000
-"""Stamps further apart than this were not made by one clock."""
+"""Stamps further apart than this belong to different clocks."""
 
 GAP_FACTOR = 5
-"""A hole counts as a gap when it is longer than this many median periods of its edge."""
+"""An interval is a gap if it is longer than this many median periods of its edge."""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """A hole in an edge's samples: none between `before` and `after` (nanoseconds)."""
+    """An interval of an edge without samples: from `before` to `after`, in nanoseconds."""
 
     before: int
     after: int
 
     @property
     def length(self) -> int:
-        """Nanoseconds without a sample."""
+        """Length of the interval in nanoseconds."""
         return self.after - self.before
 
 
@@ -44,8 +44,8 @@ class Gap:
 class EdgeSummary:
     """One edge: its FrameInfo, period and gaps.
 
-    `period` is the median distance of neighbouring samples in nanoseconds (None with fewer than
-    two), `longest` the widest hole, `gaps` those that are longer than the limit.
+    `period` is the median interval between samples in nanoseconds (None with fewer than two
+    samples), `longest` the longest interval, `gaps` the intervals longer than the limit.
     """
 
     info: FrameInfo
@@ -57,9 +57,9 @@ class EdgeSummary:
 def find_gaps(
     stamps: npt.NDArray[np.int64], max_gap: int | None = None
 ) -> tuple[int | None, Gap | None, tuple[Gap, ...]]:
-    """Median period, longest hole and gaps of sorted stamps, in nanoseconds.
+    """Median period, longest interval and gaps of sorted stamps, in nanoseconds.
 
-    `max_gap` is the longest hole that is fine; None takes GAP_FACTOR median periods.
+    `max_gap` is the longest interval that is not a gap; None: GAP_FACTOR median periods.
     """
     if len(stamps) < 2:
         return None, None, ()
@@ -146,10 +146,10 @@ def describe_clocks(found: Sequence[Clock]) -> str:
         both = sorted(set(one.frames) & set(other.frames))
         if both:
             text += f"; {', '.join(both[:3])} has stamps of both"
-            text += ", and lookups between them interpolate over all the time that lies between"
+            text += "; lookups between them interpolate over the time in between"
         if other.start - YEAR_NS <= one.end * 1_000_000_000 <= other.end + YEAR_NS:
             return f"{text}; the small ones look like seconds: tfdb.stamp() converts them"
-    return f"{text}; a path over edges of both has an answer at no stamp"
+    return f"{text}; paths over edges of both have no answer"
 
 
 def span(infos: Iterable[FrameInfo]) -> tuple[int, int] | None:

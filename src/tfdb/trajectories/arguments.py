@@ -23,10 +23,10 @@ def _number(value: float) -> float:
 
 
 def tolerance(value: float, name: str) -> float:
-    """Return a tolerance as a float; raises InvalidArgument for one that is none."""
+    """Return a tolerance as a float; raises InvalidArgument if it is invalid."""
     number = _number(value)
     if not number >= 0.0:
-        message = f"{name} must be a number from 0 on, got {shown(value)}"
+        message = f"{name} must be a number >= 0, got {shown(value)}"
         raise InvalidArgument(message, value=value)
     return number
 
@@ -42,7 +42,7 @@ def nanoseconds_of(interval: float) -> int:
 
 
 def chains(other: object, written: str, instead: str) -> bool:
-    """Whether it is a Transform; False leaves it to `other` to know how."""
+    """Whether `other` is a Transform; False lets Python try its own operator."""
     if isinstance(other, Transform):
         return True
     if isinstance(other, list | tuple) or hasattr(other, "__array__"):

@@ -1,4 +1,4 @@
-"""What the columns of a table are, by the names that programs give them.
+"""Finds stamp and pose among the columns of a table, by the names that programs give them.
 
 Known are the names of TUM and EuRoC files, `rostopic echo -p`, bagpy, PlotJuggler and evo, and all
 that read alike: a word for time, and `x`, `y`, `z`, `w` behind a word for positions or rotations.
@@ -44,7 +44,7 @@ class NamesError(ValueError):
 
 @dataclass(frozen=True)
 class PoseColumns:
-    """Where stamp and pose stand.
+    """The columns of stamp and pose.
 
     `pose` are the places of x, y, z, qx, qy, qz, qw. `nanoseconds` is where those of the stamp
     stand, if `stamp` holds whole seconds. `unit` is that of the stamps where the name says it.
@@ -68,7 +68,7 @@ class _Name:
 
 @dataclass(frozen=True)
 class _Time:
-    """A column, or two, that may hold the stamps; the least rank is the best."""
+    """One or two columns that may hold the stamps; the lowest rank is preferred."""
 
     rank: int
     words: Words
@@ -85,7 +85,7 @@ def named_columns(names: Sequence[str]) -> PoseColumns:
     listed = ", ".join(names)
     for found, what in ((positions, "position (x, y, z)"), (rotations, "quaternion (qx ... qw)")):
         if not found:
-            raise NamesError(f"its heading names no {what}; a pose needs both: {listed[:200]}")
+            raise NamesError(f"its header names no {what}: {listed[:200]}")
     position, rotation = _one_pose(names, positions, rotations)
     for place in positions[position].values():
         if read[place].unit not in _METRES:
@@ -93,7 +93,7 @@ def named_columns(names: Sequence[str]) -> PoseColumns:
             raise NamesError(f"positions are metres, but {names[place]!r} is in {unit!r}")
     times = _times(read)
     if not times:
-        raise NamesError(f"its heading names no time (timestamp, time, stamp): {listed[:200]}")
+        raise NamesError(f"its header names no time (timestamp, time, stamp): {listed[:200]}")
     best = _best(names, times, position)
     places = (*positions[position].values(), *rotations[rotation].values())
     note = ""
@@ -127,13 +127,13 @@ def _parts(
         else:
             continue
         if axis in found[key]:
-            raise NamesError(f"its heading must name each of {name.raw!r} and the others once")
+            raise NamesError(f"its header must name each axis once, but repeats {name.raw!r}")
         found[key][axis] = place
     return found
 
 
 def _is_of(before: Sequence[str], kinds: frozenset[str]) -> bool:
-    """Whether an axis is one of positions or of rotations; alone, or of a pose: a position."""
+    """Whether an axis belongs to `kinds`. A lone axis, or one of a pose, is of a position."""
     rotates = bool(_ROTATION.intersection(before))
     if kinds is _ROTATION:
         return rotates
@@ -141,7 +141,7 @@ def _is_of(before: Sequence[str], kinds: frozenset[str]) -> bool:
 
 
 def _whole(axes: str, parts: Parts) -> dict[Words, dict[str, int]]:
-    """Those with all axes, in their order."""
+    """Keep the parts with all axes, in their order."""
     return {
         key: {axis: found[axis] for axis in axes}
         for key, found in parts.items()
@@ -161,7 +161,7 @@ def _one_pose(names: Sequence[str], positions: Parts, rotations: Parts) -> tuple
     ]
     if len(pairs) != 1:
         firsts = ", ".join(repr(names[found["x"]]) for found in positions.values())
-        raise NamesError(f"its heading names several poses, keep the columns of one: {firsts}")
+        raise NamesError(f"its header names several poses; keep the columns of one of {firsts}")
     return pairs[0]
 
 
@@ -206,7 +206,7 @@ def _single(place: int, name: _Name) -> _Time | None:
 
 
 def _rank(words: Words) -> int:
-    """The stamp of a message's header goes before a time, and that before other times."""
+    """Prefer the stamp of a message's header, then a plain time, then other times."""
     return 0 if "header" in words else 1 if len(words) <= 1 else 2
 
 
@@ -217,12 +217,12 @@ def _best(names: Sequence[str], times: Sequence[_Time], position: Words) -> _Tim
     best = [time for time in best if _common(time.words, position) == most]
     if len(best) > 1:
         listed = ", ".join(repr(names[time.stamp]) for time in best)
-        raise NamesError(f"its heading names several times, keep one: {listed}")
+        raise NamesError(f"its header names several times; keep one of {listed}")
     return best[0]
 
 
 def _common(words: Words, others: Words) -> int:
-    """How many words both begin with."""
+    """Count the words that both begin with."""
     count = 0
     for ours, theirs in zip(words, others, strict=False):
         if ours != theirs:

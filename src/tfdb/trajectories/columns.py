@@ -1,4 +1,4 @@
-"""Which columns of a trajectory in text hold the stamp and the pose.
+"""Finds the columns of stamp and pose in a trajectory file of text.
 
 The names of a heading decide. Without names the number of columns does where one program writes
 so; what could be something else as well is noted for the user, or refused.
@@ -123,7 +123,7 @@ def _sample(lines: Lines) -> Row | None:
 
 
 def _named(lines: Lines, sample: Row, separator: str | None, *, fallback: bool) -> Layout | None:
-    """The layout that a heading names; None where there is none.
+    """The layout that a header names; None without a header.
 
     A comment counts only if it names all that is needed. A heading that is not a comment must,
     unless there is a `fallback`.
@@ -157,7 +157,7 @@ def _counts(names: Sequence[str], fields: Sequence[str]) -> tuple[int, ...]:
         return (count, count - 1)
     if count == len(fields) or (count == len(fields) - 1 and not fields[-1]):
         return (count,)
-    raise NamesError(f"its heading names {count} columns, but its rows have {len(fields)}")
+    raise NamesError(f"its header names {count} columns, but its rows have {len(fields)}")
 
 
 def _layout_named(
@@ -185,15 +185,15 @@ def _refuse_other_order(lines: Lines, kind: str, layout: Layout) -> bool:
         if sorted(said) == sorted(expected) and said != expected:
             raise lines.error(
                 number,
-                f"this heading has the quaternion in the order {' '.join(said)}, but {kind} has "
-                f"{' '.join(expected)}; without format= a heading that names all columns decides",
+                f"the header has the quaternion order {' '.join(said)}, but format {kind!r} has "
+                f"{' '.join(expected)}; without format= a header that names all columns decides",
             )
         confirmed = confirmed or said == expected
     return confirmed
 
 
 def _guessed(lines: Lines, sample: Row, separator: str | None) -> Layout | None:
-    """The layout by the number of columns, where one program writes so."""
+    """The layout by the number of columns, if only one program writes that many."""
     number, first = sample
     fields = split(first, separator)
     if separator and not fields[-1]:
@@ -219,12 +219,12 @@ def _guessed(lines: Lines, sample: Row, separator: str | None) -> Layout | None:
         return _checked(lines, "euroc", replace(_EUROC, counts=(count,), note=note))
     what = {None: "blanks", "\t": "tabs", ",": "commas", ";": "semicolons"}[separator]
     if count in (8, 9, 11, 17, _COVARIANCES):
-        reason = f"{count} columns by {what} without names could be several things: {NAME_THEM}"
+        reason = f"{count} columns by {what} without a header match several formats: {NAME_THEM}"
         raise lines.error(number, reason + ("'tum'" if count == 8 else "..."))
     raise lines.error(
         number,
-        f"no known format has {counted(count, 'column')}: TUM has 8, by spaces, KITTI 12, EuRoC 8, "
-        f"11 or 17, by commas; {NAME_THEM}...",
+        f"no known format has {counted(count, 'column')}: TUM has 8 and KITTI 12, by blanks; EuRoC "
+        f"has 8, 11 or 17, by commas; {NAME_THEM}...",
     )
 
 

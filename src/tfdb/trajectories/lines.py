@@ -64,7 +64,7 @@ class Lines:
                 yield number, _COMMENT.sub("", line.strip(), count=1)
 
     def cut(self) -> str | None:
-        """Why the last row seems to be cut: no end of line, and fewer decimals than all others.
+        """The reason why the last row seems cut: no end of line, and fewer decimals than before.
 
         Only where those are many, and have as many decimals, as a program writes them.
         """
@@ -84,7 +84,7 @@ class Lines:
 
     def skippable(self, line: int | None, reason: str) -> TrajectoryError:
         """An error about a line that salvaging skips."""
-        return self.error(line, f"{reason}; {SALVAGE} reads the others")
+        return self.error(line, f"{reason}; {SALVAGE} skips such rows")
 
 
 def _check_zeros(path: Path, raw: bytes) -> None:
@@ -93,15 +93,15 @@ def _check_zeros(path: Path, raw: bytes) -> None:
         return
     text = _ZEROS.sub(b"", raw.rstrip(b"\0"))
     if not text:
-        raise TrajectoryError(path, None, f"all its {len(raw):,} bytes are zero, without text")
+        raise TrajectoryError(path, None, f"all its {len(raw):,} bytes are zero")
     first = text[:4096].partition(b"\n")[0].decode(errors="replace")
     if b"\0" in raw[:4096] and ("\ufffd" in first or _BINARY.search(text[:4096])):
-        what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
+        what = "a binary file, but neither NPZ nor Parquet"
         raise TrajectoryError(path, None, what)
 
 
 def zeros(line: str) -> str | None:
-    """Why a line with zero bytes is not a row."""
+    """The reason why a line with zero bytes is not a row; None without them."""
     count = line.count("\0")
     if not count:
         return None
@@ -135,7 +135,7 @@ def separator_of(line: str) -> str | None:
 
 
 def split(line: str, separator: str | None) -> list[str]:
-    """The fields of a line, without blanks and quotes around them."""
+    """Split a line into fields, without surrounding blanks and quotes."""
     fields = line.split(separator)
     if separator is not None or '"' in line or "'" in line:
         return [field.strip().strip("\"'") for field in fields]

@@ -1,7 +1,7 @@
 """Trajectories: TUM, KITTI, EuRoC and CSV files, and the NPZ and Parquet that tfdb writes itself.
 
-A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. The files
-do not say which frames: `Trajectory.read(path, target=, source=)` names them.
+A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. Most files
+do not name the frames: `Trajectory.read(path, target=, source=)` does.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from tfdb.data.decimal_time import NS_PER_SECOND, UNITS, Unit, units_to_ns
 from tfdb.data.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
 from tfdb.data.path_checks import check_path, errors_name
 from tfdb.data.poses import doubles
+from tfdb.data.stamps import format_seconds
 
 from .columns import layout_of
 from .file_formats import FORMATS, Format
@@ -122,7 +123,7 @@ def kitti_times(path: Path) -> bool | None:
 
 
 def _read(path: Path) -> bytes:
-    """The bytes of a file or pipe; a device may have no end."""
+    """The bytes of a file or pipe; refuses devices, which may be endless."""
     with errors_name(path):
         if stat.S_ISCHR(path.stat().st_mode):
             raise TrajectoryError(path, None, "not a regular file")
@@ -227,15 +228,15 @@ def _no_times(path: Path) -> TrajectoryError:
     return TrajectoryError(
         path,
         None,
-        f"KITTI poses carry no stamps: neither {names} is beside it, pass times=...; "
-        "only compare works without stamps: association='rows' (--association rows)",
+        f"KITTI poses have no stamps, and neither {names} is beside them: give times=..., or "
+        "compare without stamps by association='rows' (--association rows)",
     )
 
 
 def _read_kitti(
     lines: Lines, times: Path | None, unit: Unit | None, *, salvage: bool
 ) -> tuple[Stamps, Poses, TrajectoryRows]:
-    """The poses and their stamps, row by row; a bad row takes its stamp with it."""
+    """The poses and their stamps, row by row; an invalid row drops its stamp."""
     report = TrajectoryRows(str(lines.path), rows=len(lines.rows))
     if not lines.rows:
         raise lines.error(None, "no pose in it")
@@ -317,7 +318,7 @@ def _kitti_poses(
 def _read_times(
     path: Path, unit: Unit | None, report: TrajectoryRows, *, salvage: bool
 ) -> list[int | None]:
-    """The stamps of a file of times; None for a row that is none, with `salvage`."""
+    """The stamps of a file of times; with `salvage`, None for an invalid row."""
     lines = Lines(path, _read(path), salvage=salvage)
     rows = [*([] if lines.heading is None else [lines.heading]), *lines.rows]
     stamps: list[int | None] = []
@@ -327,7 +328,11 @@ def _read_times(
         if reason is None:
             try:
                 stamp = units_to_ns(line, unit or "s")
-                reason = f"stamp {stamp} ns does not lie after {last} ns" if stamp <= last else None
+                reason = (
+                    f"stamp {format_seconds(stamp)} follows {format_seconds(last)}"
+                    if stamp <= last
+                    else None
+                )
             except ValueError as error:
                 reason = str(error)
         if reason is None:

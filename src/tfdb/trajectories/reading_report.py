@@ -22,22 +22,21 @@ class TrajectoryRows:
     path
         The file.
     rows
-        With data.
+        Rows with data.
     poses
-        Of them read; those that are missing, NaN as a whole in CSV, NPZ and Parquet, included.
+        Poses read, including missing ones (rows of NaN in CSV, NPZ and Parquet).
     repeated
-        Rows with the stamp of a later row, which replaces them.
+        Rows that a later row with the same stamp replaced.
     differing
-        Those of them that lie more than 1 cm or turn more than 1 degree off that row.
+        Repeated rows that differ from the later row by more than 1 cm or 1 degree.
     moved
-        Rows that stood behind one with a later stamp, and were sorted (`salvage`).
+        Rows that followed a later stamp, and were sorted (`salvage`).
     normalised
         Quaternions between 0.5 % and 5 % off unit length that were normalised (`salvage`).
     skipped, bytes_skipped, first_skipped
         Rows without a valid stamp or pose (`salvage`), their size, and why the first was skipped.
     notes
-        What was found out about the format and could be something else: the unit of the stamps, the
-        columns.
+        Guesses about the format: the unit of the stamps, the columns.
     """
 
     path: str
@@ -53,7 +52,7 @@ class TrajectoryRows:
     notes: list[str] = field(default_factory=list)
 
     def skip(self, line: int | None, size: int, reason: str) -> None:
-        """Count a row that holds no pose."""
+        """Count a skipped row."""
         self.skipped += 1
         self.bytes_skipped += size
         if not self.first_skipped:
@@ -84,7 +83,7 @@ class TrajectoryRows:
         return ", ".join(parts)
 
     def complaints(self) -> Iterator[str]:
-        """Texts of warnings, each with the name of the file."""
+        """Texts of warnings, each with the path of the file."""
         if self.repeated or self.moved or self.normalised or self.skipped:
             yield f"{self.path}: {self.summary}"
         for note in self.notes:

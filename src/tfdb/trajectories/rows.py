@@ -12,7 +12,7 @@ import numpy.typing as npt
 from tfdb.data.decimal_time import NS_PER_SECOND, UNITS, Unit, integer_ns, units_to_ns, whole_part
 from tfdb.data.errors import TrajectoryError
 from tfdb.data.poses import MAX_NORM_ERROR, found, missing
-from tfdb.data.stamps import MAX_STAMP
+from tfdb.data.stamps import MAX_STAMP, format_seconds
 
 from .lines import SALVAGE, zeros
 from .reading_report import TrajectoryRows
@@ -41,7 +41,7 @@ _LONG_STEP = 100 * NS_PER_SECOND
 def rows_of_text(
     lines: Lines, layout: Layout, unit: Unit | None, *, salvage: bool
 ) -> tuple[Stamps, Poses, TrajectoryRows]:
-    """Read the rows of a text file. Raises TrajectoryError for rows that are none."""
+    """Read the rows of a text file. Raises TrajectoryError for an invalid row."""
     report = TrajectoryRows(str(lines.path), rows=len(lines.rows))
     if layout.note:
         report.notes.append(layout.note)
@@ -109,8 +109,9 @@ def finish_rows(
     if len(back) and not salvage:
         row = int(back[0])
         reason = (
-            f"stamp {stamps[row + 1]} ns does not lie after {stamps[row]} ns; sort the file by its "
-            f"stamps first, or let {SALVAGE} sort it"
+            f"stamp {format_seconds(int(stamps[row + 1]))} follows "
+            f"{format_seconds(int(stamps[row]))}: sort the rows by their stamps, or let {SALVAGE} "
+            "sort them"
         )
         raise TrajectoryError(report.path, None if numbers is None else numbers[row + 1], reason)
     if len(back):
@@ -143,7 +144,7 @@ def finish_rows(
 
 
 def _differing(poses: Poses, others: Poses) -> int:
-    """How many poses are not nearly the same; a missing one differs from all that are there."""
+    """Count the poses that differ; a missing pose differs from every other."""
     moved = np.linalg.norm(poses[:, :3] - others[:, :3], axis=1)
     norms = np.linalg.norm(poses[:, 3:], axis=1) * np.linalg.norm(others[:, 3:], axis=1)
     cosine = np.abs(np.sum(poses[:, 3:] * others[:, 3:], axis=1)) / norms
@@ -166,7 +167,7 @@ def repair_rows(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses
 
 
 def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str], list[float]]:
-    """The text of the stamp, in one or two columns, and the pose; ``ValueError`` with a reason."""
+    """The text of the stamp, in one or two columns, and the pose; raises ``ValueError``."""
     broken = zeros(line)
     if broken is not None:
         raise ValueError(broken)
@@ -183,7 +184,7 @@ def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str]
 
 
 def floats(fields: Sequence[str]) -> list[float]:
-    """Finite numbers; ``ValueError`` with a reason."""
+    """Convert texts to finite numbers; raises ``ValueError`` with a reason."""
     with suppress(ValueError):
         quick = list(map(float, fields))
         joined = "".join(fields)
@@ -205,7 +206,7 @@ def _check_norm(pose: Sequence[float], most: float) -> None:
     x, y, z, w = pose[3:]
     squared = x * x + y * y + z * z + w * w
     if abs(squared - 1.0) > most:
-        raise ValueError(f"the quaternion is not of unit length: {math.sqrt(squared):.6g}")
+        raise ValueError(f"the quaternion has length {math.sqrt(squared):.6g}, not 1")
 
 
 def _stamp(text: tuple[str, str], unit: Unit, *, whole: bool) -> int:
@@ -252,8 +253,8 @@ def _unit(
     line = next(number for number, size in sizes.items() if size >= usual)
     raise lines.error(
         line,
-        f"stamp {sizes[line]} is beyond the greatest in seconds, and no date in another unit; "
-        f"stamp_unit= (--stamp-unit) is one of {', '.join(UNITS)}",
+        f"stamp {sizes[line]} is too large for seconds, and not a date in another unit; set "
+        f"stamp_unit= (--stamp-unit) to one of {', '.join(UNITS)}",
     )
 
 
@@ -269,7 +270,7 @@ def _unit_by_size(size: int) -> Unit | None:
 
 
 def _odd_units(usual: Unit, sizes: Mapping[int, int], shown: Mapping[int, str]) -> dict[int, str]:
-    """Why stamps are none that by their size are of another unit than most, by line."""
+    """The reasons, by line, against stamps whose size fits another unit than most."""
     if not sizes or _unit_by_size(min(sizes.values())) == _unit_by_size(max(sizes.values())):
         return {}
     units = {line: _unit_by_size(size) for line, size in sizes.items() if size >= 0}
@@ -291,7 +292,7 @@ def _of_unit(unit: Unit, given: Unit | None, layout: Layout) -> str:
     """Addition to an error about a stamp with a guessed unit."""
     if given is not None or layout.unit is not None or unit != "s":
         return ""
-    return ", where stamps are seconds (stamp_unit= (--stamp-unit) names another unit)"
+    return "; stamps are read as seconds, stamp_unit= (--stamp-unit) sets another unit"
 
 
 def _doubt_seconds(

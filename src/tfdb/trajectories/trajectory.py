@@ -68,7 +68,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     matrices
         In place of both: (N, 4, 4) rigid transforms, up to rounding, as `Transform.from_matrix`.
     repeated
-        Value of `repeated`.
+        Value of the property `repeated`.
 
     Raises
     ------
@@ -357,8 +357,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def __getitem__(self, rows: Any) -> Transform | Trajectory:
         """Return one pose as a Transform, or some as a Trajectory.
 
-        Raises InvalidIndex for a row that is not there, InvalidArray for what is not an index or
-        would bring the stamps out of order, NoSampleNear for one pose that is missing.
+        Raises InvalidIndex for a row out of range, InvalidArray for an invalid index or one that
+        reorders the stamps, NoSampleNear for a single missing pose.
         """
         from .indexing import checked_rows  # noqa: PLC0415 - needs numpy
 
@@ -366,7 +366,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._one(wanted) if isinstance(wanted, int) else self._some(wanted)
 
     def __iter__(self) -> Iterator[Transform]:
-        """Go through the poses as Transforms; raises NoSampleNear at one that is missing."""
+        """Iterate over the poses as Transforms. Raises NoSampleNear at a missing pose."""
         for row in range(len(self)):
             yield self._one(row)
 
@@ -468,7 +468,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def crop(
         self, start: StampLike | str | None = None, end: StampLike | str | None = None
     ) -> Trajectory:
-        """Return the poses with start <= stamp <= end; None: from the first, to the last.
+        """Return the poses with start <= stamp <= end; None: no limit.
 
         Text as in `load`: `"+1.5"` is 1.5 s after the first stamp, `"-2"` 2 s before the last.
         Raises InvalidArgument if `end` lies before `start`, and InvalidStamp.
@@ -621,7 +621,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._moved(self._source, self._target, lambda: geometry.inverse(self._poses))
 
     def __matmul__(self, other: Transform) -> Trajectory:
-        """T[a<-b] over time, then T[b<-c] that stays as it is: T[a<-c] over time.
+        """Chain with a constant T[b<-c]: T[a<-b] over time becomes T[a<-c] over time.
 
         Raises InvalidArgument if the frames do not chain, InvalidTransform as `inverse`.
         """
@@ -632,7 +632,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._moved(self._target, other.source, lambda: geometry.compose(self._poses, end))
 
     def __rmatmul__(self, other: Transform) -> Trajectory:
-        """T[a<-b] that stays as it is, then T[b<-c] over time: T[a<-c] over time."""
+        """Chain with a constant T[a<-b]: T[b<-c] over time becomes T[a<-c] over time."""
         if not chains(other, "T @ t", "array @ np.asarray(t) multiplies numbers"):
             return NotImplemented
         check_chain(other.target, other.source, self._target, self._source)
@@ -853,9 +853,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return as_polars(self._stamps, self._poses)
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
-        """Give the table of `to_polars` to any library that knows Arrow: `pyarrow.table(t)`.
+        """Return the table of `to_polars` to libraries that read Arrow: `pyarrow.table(t)`.
 
-        Raises NotSupported where polars is not installed.
+        Raises NotSupported if polars is not installed.
         """
         from .tables import as_polars  # noqa: PLC0415 - most programs do without
 
@@ -901,9 +901,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     # -- inside ------------------------------------------------------------------------------------
 
     def _stored(self, missing: Missing = "raise") -> tuple[Buffer, str]:
-        """Return a store that holds the poses which are there, and its name for the source.
+        """Return a store of the poses that are not missing, and its name for the source.
 
-        Where there is none it holds the frames alone, for who takes NaN for an answer.
+        Without such a pose the store has the frames only, for lookups with `missing="nan"`.
         """
         if self._store is None:
             here = self.valid

@@ -1,9 +1,8 @@
 """Trajectories to files: TUM, KITTI, EuRoC, CSV and NPZ.
 
-Numbers are written with as many digits as it takes to read the same float64 again, stamps as exact
-decimals. A pose that is missing is left out of TUM, KITTI and EuRoC files, which have no word for
-it, and NaN in the others. A file appears under its name when it is complete (`tfdb.data.new_file`),
-and takes that of another only with `overwrite=True`.
+Numbers have enough digits to read back the same float64; stamps are exact decimals. TUM, KITTI and
+EuRoC files omit missing poses, the other formats keep them as NaN. A file appears under its name
+when it is complete (`tfdb.data.new_file`), and replaces another only with `overwrite=True`.
 """
 
 from __future__ import annotations
@@ -67,14 +66,14 @@ def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = F
 
 
 def write_euroc(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
-    """Write `nanoseconds,x,y,z,qw,qx,qy,qz` lines under EuRoC's heading."""
+    """Write `nanoseconds,x,y,z,qw,qx,qy,qz` lines under EuRoC's header."""
     stamps, poses = _there(trajectory)
     rows = _comma_rows(stamps.tolist(), poses[:, (0, 1, 2, 6, 3, 4, 5)].tolist())
     _write_lines(path, _EUROC_HEADING, rows, overwrite=overwrite)
 
 
 def write_csv(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
-    """Write `stamp_ns,x,y,z,qx,qy,qz,qw` lines with that heading; stamps in nanoseconds."""
+    """Write `stamp_ns,x,y,z,qx,qy,qz,qw` lines with that header; stamps in nanoseconds."""
     _refuse_others(trajectory)
     rows = _comma_rows(trajectory.stamps.tolist(), trajectory.poses.tolist())
     _write_lines(path, ",".join(COLUMNS), rows, overwrite=overwrite)
@@ -118,7 +117,7 @@ def write_npz(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = F
 def write_parquet(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write a Parquet file with the names of its frames.
 
-    Raises NotSupported where polars is not installed.
+    Raises NotSupported if polars is not installed.
     """
     _refuse_others(trajectory)
     where = check_path(path, _refusal)
@@ -152,12 +151,11 @@ def write_trajectory(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write a trajectory; the format is that of the name's end where `format` is None.
+    """Write a trajectory; None: the format of the file extension.
 
-    `.tum` and `.txt` are TUM, `.csv`, `.npz` and `.parquet` themselves; `"euroc"` and `"kitti"` are
-    asked for by name. Raises `TrajectoryError` for any other and where a file of that name exists,
-    unless `overwrite`; `OSError` where the file cannot be written. Then what the name had is still
-    there.
+    `.tum` and `.txt` are TUM; `.csv`, `.npz` and `.parquet` name their formats. `"euroc"` and
+    `"kitti"` must be given. Raises `TrajectoryError` for an unknown format, or for an existing file
+    without `overwrite`; `OSError` if the file cannot be written. An existing file stays unchanged.
     """
     suffix = check_path(path, _refusal).suffix.lower()
     name: object = format
