@@ -280,7 +280,7 @@ def test_a_missing_package_is_named(tool: Tool, bag: Path, monkeypatch: pytest.M
         (("BAG", "--foxglove"), "OUT.mcap --foxglove"),
         (
             ("shm:x", "--foxglove", "--urdf", "BAG", "--expect", "b"),
-            "--urdf, --expect: of the page",
+            "--urdf, --expect cannot be used with --foxglove",
         ),
         (("shm:x", "--foxglove", "--frame", "a"), "--frame goes with recordings"),
     ],

@@ -170,7 +170,7 @@ def _has_joint_states(file: str) -> bool:
 def _refuse_page_options(file: str, names: list[str]) -> None:
     """Refuse what --foxglove cannot serve."""
     if names:
-        raise click.UsageError(f"{', '.join(names)} applies to the page, not to --foxglove")
+        raise click.UsageError(f"{', '.join(names)} cannot be used with --foxglove")
     if not common.is_live(file):
         raise click.UsageError(
             f"--foxglove serves live stores and graphs, and {file} is a file; to write one for "
