@@ -82,6 +82,8 @@ class Judge:
     def __init__(self) -> None:
         self.begins: dict[int, tuple[int, int]] = {0: (0, 0)}
         """Of each tag: the batch behind which its home began, and the tag of that batch."""
+        self.tag_of: dict[int, int] = {}
+        """The tag of the home of an epoch, by its number."""
         self.distance: dict[tuple[Epoch, int], int] = {}
         """Between the numbers of batch and commit, by the epoch and the tag."""
         self.read_tags: Callable[[], object] = lambda: None
@@ -145,6 +147,20 @@ class Judge:
             raise BrokenPromiseError(
                 f"epoch {epoch}, commit {commit} was batch {commit + wanted}, and is {number}"
             )
+
+    def compare_fork(self, later: int, last: tuple[int, int], alone: int) -> bool:
+        """Compare the number of commits that a home says it has alone with the later home.
+
+        Returns whether that one is known: it may be killed before it tells its tag.
+        """
+        if later not in self.tag_of:
+            return False
+        fork = last[0] - alone
+        wanted = fork, int(self.tags(last[1], np.array([fork]))[0])
+        begin = self.begins[self.tag_of[later]]
+        if begin != wanted:
+            raise BrokenPromiseError(f"the fork is batch {begin}, and the old home said {wanted}")
+        return True
 
 
 class Copy:

@@ -9,6 +9,7 @@ home commits batch after batch, SECONDS apart.
 from __future__ import annotations
 
 import json
+import re
 import select
 import sys
 import threading
@@ -62,6 +63,11 @@ class Node:
         if home.error is not None:
             raise home.error
         (fenced,) = [event for event in home.events() if event.kind == "fenced"]
+        if fenced.before is not None and fenced.after is not None:
+            later = re.search(r"\((\d+)\)", fenced.text)
+            assert later is not None
+            alone = fenced.after[1] - fenced.before[1]
+            tell("fenced", later=int(later[1]), last=last_batch(self.buffer), alone=alone)
         if "Its frames are read-only" not in fenced.text:
             tell("unheard")
             raise SystemExit

@@ -76,6 +76,8 @@ class Faults:
         self.random = random.Random(seed)
         self.spans, self.pace, self.most, self.pause = spans, pace, most, pause
         self.tags = count(1)
+        self.forks: list[tuple[int, tuple[int, int], int]] = []
+        """What homes that stopped have told: later epoch, last batch, commits of theirs alone."""
         self.judge = Judge()
         self.judge.read_tags = self.drain
         self.found: Counter[str] = Counter()
@@ -194,11 +196,14 @@ class Faults:
             node.role = kind
             self.open_copy(node).own.add(epoch)
             self.judge.begins[line["tag"]] = line["number"], line["parent"]
+            self.judge.tag_of[epoch.number] = line["tag"]
         elif kind == "mirror":
             node.role, node.state = kind, ""
             self.open_copy(node)
         elif kind == "paused":
             node.paused = epoch, line["commit"]
+        elif kind == "fenced":
+            self.forks.append((line["later"], tuple(line["last"]), line["alone"]))
         elif kind == "unheard":
             node.role, node.needs_store = "mirror", True
             self.found["later homes that were not heard"] += 1
@@ -360,6 +365,8 @@ class Faults:
                 raise BrokenPromiseError(f"node {node.number} differs from its home")
             if node.copy.steps_back > node.rewound:
                 raise BrokenPromiseError(f"node {node.number} went back without a word")
+        while self.forks:
+            self.found["forks compared"] += self.judge.compare_fork(*self.forks.pop())
         self.say(home, "go")
         home.paused = None
 

@@ -160,3 +160,14 @@ def test_the_judge_counts_steps_back_to_a_later_home() -> None:
     assert look(mirror_of(written(30), EPOCH), mirror_of(other, LATER)).steps_back == 0
     assert look(mirror_of(written(31), EPOCH), mirror_of(other, LATER)).steps_back == 1
     assert look(mirror_of(written(35), EPOCH), mirror_of(written(30), LATER)).steps_back == 1
+
+
+def test_the_judge_compares_the_fork_with_the_commits_that_the_old_home_lost() -> None:
+    judge = Judge()
+    judge.begins |= {1: (0, 0), 2: (30, 1)}
+    assert not judge.compare_fork(9, (40, 1), 10)
+    judge.tag_of[9] = 2
+    assert judge.compare_fork(9, (40, 1), 10)
+    for wrong in (9, 11):
+        with pytest.raises(BrokenPromiseError, match="the fork is batch"):
+            judge.compare_fork(9, (40, 1), wrong)
