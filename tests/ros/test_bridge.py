@@ -311,8 +311,14 @@ def test_a_frame_that_begins_to_move_is_static_no_more(wire: str) -> None:
         fix(a, "lidar", 1)
         arrive_fixed(b, "lidar", 1)
         join(a, b, "base")
+        commit = b.commit
         a.set_transforms([moved("arm", 7)], change_kind=True)
-        arrive(b, "arm", 7)
+        while b.frame_info("arm").is_static:
+            commit = b.wait_for_commit(commit, LIMIT)
+        heard = Heard()
+        at_b.subscribe("/tf_static", TF, heard, latched=True)
+        while children_of(heard.next()[0]) != {"lidar"}:
+            pass
         fix(a, "lidar", 2)
         arrive_fixed(b, "lidar", 2)
         assert not b.frame_info("arm").is_static
@@ -351,6 +357,28 @@ def test_ros1_and_ros2_meet_in_one_store(ros1: str, wire: str) -> None:
         assert store.commit == 2
 
 
+def test_the_command_for_ros1(ros1: str, new_store: Callable[[str], tfdb.Buffer]) -> None:
+    from tfdb.ros import TcprosNode
+
+    store, heard = new_store("ros1"), Heard()
+    fix(store, "lidar", 1)
+    with (
+        TcprosNode("theirs", arguments=[]) as theirs,
+        Command("bridge", "ros1", full("ros1"), "--origin", "yard", "--json") as joined,
+    ):
+        theirs.subscribe("/tf_static", TF, heard, latched=True)
+        data, _ = heard.next()
+        assert [each.child for each in tfdb.decode_tf_message(data, "ros1")] == ["lidar"]
+        sent = tfdb.encode_tf_message([moved("base", 2)], "ros1")
+        theirs.advertise("/tf_static", TF, latched=True, depth=1).publish(sent)
+        arrive_fixed(store, "base", 2)
+        assert store.frame_info("base").authority == "yard/theirs"
+        code, said = joined.end()
+        told = json.loads(said)
+        assert (code, told["command"], told["origin"]) == (130, "bridge ros1", "yard")
+        assert (told["received"], told["sent_static"], told["commits"]) == (1, 1, 1)
+
+
 def test_a_node_without_senders_is_refused() -> None:
     from tfdb.bridge import Bridge
 
@@ -379,3 +407,27 @@ def test_it_waits_for_a_router(
             waiting.process.send_signal(2)
             _, errors = waiting.process.communicate(timeout=LIMIT)
             assert errors.split() == ["tfdb:", "stopped"]
+
+
+@pytest.mark.skipif(not is_there("zenoh") and "CI" not in os.environ, reason="no eclipse-zenoh")
+def test_it_goes_on_with_a_new_router(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tfdb.bridge import Bridge
+
+    endpoint = free_endpoint()
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", overriding(endpoint))
+    monkeypatch.delenv("ZENOH_SESSION_CONFIG_URI", raising=False)
+    a, b = tfdb.Buffer(history=None), tfdb.Buffer(history=None)
+    with ExitStack() as stack:
+        with router_at(endpoint):
+            for name, store in (("a", a), ("b", b)):
+                joined = stack.enter_context(node("zenoh", name, 7))
+                stack.enter_context(Bridge(store, joined))
+            fix(a, "lidar", 1)
+            arrive_fixed(b, "lidar", 1)
+        fix(a, "lidar", 2)
+        fix(b, "camera", 3)
+        with router_at(endpoint):
+            arrive_fixed(b, "lidar", 2)
+            arrive_fixed(a, "camera", 3)
+            join(a, b, "base")
+            join(b, a, "crane")
