@@ -267,45 +267,44 @@ class Buffer(Freezable, _core.NativeBuffer):
     ) -> LoadReport:
         """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
-        Trajectory files are accepted, by their endings (`.tum`, `.txt`, `.csv`, `.npz`,
-        `.parquet`): TUM, KITTI and EuRoC files among them. They are one moving edge, from `world`
-        to `body` where the file names no frames; `rename` names them.
+        Trajectory files are recognised by their extensions (`.tum`, `.txt`, `.csv`, `.npz`,
+        `.parquet`), and may be TUM, KITTI or EuRoC. A file is one moving edge, T[world<-body] if it
+        names no frames; `rename` gives other names.
 
-        The files are checked before the first commit, so that damage leaves the buffer as it was.
-        They must not change until the end. Each message is one commit, in the order of its
-        reception. A transform that is refused is counted and left out, and the others of its
-        message are stored; a damaged message is left out. A buffer with a limited history (10 s by
-        default) forgets the beginning of a long recording: the report counts the samples, and a
-        TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
+        The files are checked before the first commit, so a damaged one leaves the buffer unchanged.
+        They must not change during the load. Each message is one commit, in the order of receive
+        times. A refused transform is counted and skipped, the others of its message are stored. A
+        damaged message is skipped. A buffer with a limited history (10 s by default) drops the
+        beginning of a long recording: the report and a TfdbWarning count the samples.
+        `Buffer(history=None)` and `tfdb.load` keep everything.
 
         Parameters
         ----------
         path
             One recording or several; they are read in the order of their start.
         progress
-            Called with (done, total); each message counts once when read and once when stored.
+            Called with (done, total). Each message counts when it is read and when it is stored.
         **selection
-            What is read, and under which names: the fields of `tfdb.recordings.Selection`, such as
-            `topics`, `start`, `exclude` and `rename`.
+            The part to read, and new frame names: the fields of `tfdb.recordings.Selection`, such
+            as `topics`, `start`, `exclude` and `rename`.
 
         Returns
         -------
         LoadReport
-            Counts of the transforms read, stored, refused, left out, dropped by the history and
+            Counts of the transforms read, stored, refused, skipped, dropped by the history and
             lost.
 
         Raises
         ------
         RecordingError
-            A file is not a recording, damaged or cut short; a topic is missing or without
-            transforms; or no transform is left. Nothing was stored.
+            A file is not a recording, is damaged or cut short; a topic is missing or has no
+            transforms; or the selection is empty. Nothing was stored.
         MixedSources
             Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf`
             and `/tf_static` of one namespace are one group, every other topic is a group of its
-            own. Groups agree where one repeats samples of the other. Use `topics`, `by_namespace`
-            or `mix`. Also: files contradict each other on one topic, by another transform at a
-            stamp of both or between the other's stamps. Load one file, or use `prefix` or `mix`.
-            Nothing was stored.
+            own. Groups agree if one repeats samples of the other. Use `topics`, `by_namespace` or
+            `mix`. Or files contradict each other on one topic: different transforms at one stamp,
+            or stamps that interleave. Load one file, or use `prefix` or `mix`. Nothing was stored.
         TrajectoryError
             A line of a trajectory does not fit its format.
         UnknownFrame
@@ -313,20 +312,20 @@ class Buffer(Freezable, _core.NativeBuffer):
         ModelError
             `urdf` is not a robot model.
         InvalidArgument
-            No path, an empty one, a file that is given twice, or topics that are not names; options
-            that are none, or by which two frames would have one name, or `end` lies before `start`.
+            An empty path or none, a file that is given twice, an invalid option, two frames with
+            one new name, or `end` before `start`.
         OSError
             A file cannot be opened.
 
         Warns
         -----
         TfdbWarning
-            Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`;
-            joints are missing, unknown or beyond their limits; transforms or messages were refused
-            (once for each edge and error); all of it was in the store before; its stamps and those
-            of the rest are more than a year apart, as those of a simulated and of a real clock;
-            samples were forgotten; rows of a trajectory repeat a stamp, were sorted, mended or
-            skipped; its unit or columns were guessed.
+            A name of `exclude` or `rename` does not exist. No edge moves from `start` to `end`.
+            Joints are missing, unknown or beyond their limits. Transforms or messages were refused
+            (once for each edge and error). All samples were in the store before. Stamps are more
+            than a year apart, as of a simulated and a real clock. The history dropped samples. Rows
+            of a trajectory repeat a stamp, or were sorted, mended or skipped. The unit or the
+            columns of a trajectory were guessed.
         """
         from tfdb.recordings.load import load_into
         from tfdb.recordings.selection import selected

@@ -1,4 +1,4 @@
-"""What can be asked of buffers, snapshots and transactions beside the extension's own reads.
+"""Reads of buffers, snapshots and transactions beside those of the extension.
 
 What does a method's work is imported when it is called: `import tfdb` does not wait for it.
 """
@@ -86,10 +86,9 @@ class SharedReads:
         policy
             How stamps between samples are answered. None: Interpolate().
         missing
-            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in
-            its pose instead. `skip`: it is left out; where none is left, the first one's error.
-            Where no rate, or not both start and end are given, frames that nothing joins are an
-            error in any case: no stamp is known.
+            For a stamp without a pose. `raise`: the error of the first one, with its `index`.
+            `nan`: a pose of NaN. `skip`: no row; if no pose is left, the first error is raised.
+            Frames without a path always raise, except with a rate, `start` and `end`.
 
         Returns
         -------
@@ -99,10 +98,10 @@ class SharedReads:
         Raises
         ------
         InvalidArgument
-            A rate that is not positive, `end` before `start`, or nothing moves and no stamp is
-            given; a `missing` that is none of the three. Without a rate: no stamp is stored between
-            `start` and `end`, where `Trajectory.crop` returns an empty trajectory.
-        Extrapolation, and what else `lookup_transforms` raises
+            A rate that is not positive, `end` before `start`, or another `missing`. Without a rate:
+            no stored stamp between `start` and `end`; `Trajectory.crop` would return an empty
+            trajectory. Without `start` and `end`: no edge of the path moves.
+        Extrapolation, and the other errors of `lookup_transforms`
             With `index`, the position of the stamp.
         """
         from tfdb.store.sampling import sample
@@ -119,7 +118,7 @@ class SharedReads:
         name
             The frame.
         stamp
-            Nanoseconds: whose `parent_of` it is then. None: in the newest tree.
+            Nanoseconds: the children at that stamp, by `parent_of`. None: the newest tree.
 
         Raises
         ------
@@ -130,7 +129,7 @@ class SharedReads:
         return find(_reads(self), name, stamp)
 
     def descendants(self, name: str, stamp: StampLike | None = None) -> list[str]:
-        """Find all frames below a frame, each followed by those below it, siblings sorted.
+        """List all frames below a frame, depth first, siblings sorted.
 
         Parameters
         ----------
@@ -153,7 +152,7 @@ class SharedReads:
         target, source
             The first and the last of the list; the same one twice gives it once.
         stamp
-            As in `children`. Whether the path's edges have data then is not asked.
+            As in `children`. The edges of the path need no data at that stamp.
 
         Raises
         ------
@@ -168,7 +167,7 @@ class SharedReads:
         return len(_reads(self).frames())
 
     def __contains__(self, name: object) -> bool:
-        """Tell whether there is a frame of that name."""
+        """Return whether a frame has that name."""
         from tfdb.data.errors import InvalidName
 
         try:
@@ -177,7 +176,7 @@ class SharedReads:
             return False
 
     def __bool__(self) -> Literal[True]:
-        """Be true, also without frames: `if buffer:` asks whether there is one."""
+        """Return True, also without frames, so that `if buffer:` tests for None."""
         _reads(self)
         return True
 
