@@ -31,8 +31,9 @@ def open_store(name: str) -> tfdb.Buffer:
 
 
 def tell(kind: str, **what: Any) -> None:
-    """Print a line."""
-    print(json.dumps({"kind": kind, **what}), flush=True)
+    """Print a line, by one write: another thread may print, too."""
+    sys.stdout.write(f"{json.dumps({'kind': kind, **what})}\n")
+    sys.stdout.flush()
 
 
 class Node:
