@@ -56,7 +56,11 @@ class CommitSender:
     def __init__(self, buffer: Buffer, node: Node, origin: str) -> None:
         self._buffer, self._encoding = buffer, node.encoding
         self._prefix = f"{origin}/"
-        self.sent = self.sent_static = self.refused = self.missed = self.gone = 0
+        self.sent: int = 0
+        self.sent_static: int = 0
+        self.refused: int = 0
+        self.missed: int = 0
+        self.gone: int = 0
         self._statics: bytes = encode_tf_message([], node.encoding)
         self._children: frozenset[str] = frozenset()
         self._is_due, self._is_forced = True, False

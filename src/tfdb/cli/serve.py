@@ -23,6 +23,10 @@ from .selecting import selected, selection_options
 from .times import NS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from click.decorators import FC
+
     from tfdb.recordings.load_report import LoadReport
 
     from .graph import Live
@@ -112,10 +116,10 @@ def graph_options(function: Any) -> Any:
     return function
 
 
-master_option = click.option(
+master_option: Callable[[FC], FC] = click.option(
     "--master", metavar="URI", default="", help="URI of the ROS master.  [default: ROS_MASTER_URI]"
 )
-domain_option = click.option(
+domain_option: Callable[[FC], FC] = click.option(
     "--domain", metavar="ID", default="", help="Number of the ROS domain.  [default: ROS_DOMAIN_ID]"
 )
 
