@@ -103,7 +103,7 @@ def test_the_drop_in_works(router: Any) -> None:
             found = buffer.lookup_transform("base", child, msgs.Time(), timeout=LIMIT)
             assert found.transform.translation.x == 1.25
         assert buffer.buffer.frame_info("camera").authority == "/sends"
-        with pytest.raises(tfdb.errors.NotSupported, match="need a node of rclpy"):
+        with pytest.raises(tfdb.errors.NotSupported, match="needs a node of rclpy, not ZenohNode"):
             tf2.BufferServer(buffer, "tf2_buffer_server", node=listens)
 
 

@@ -39,9 +39,9 @@ class Event(NamedTuple):
 
     `kind` is a new state of a mirror (`absent`, `catching up`, `live`, `stale`), or one of:
     `rewound` (a mirror went from `before` to `after`, a state that need not contain `before`),
-    `refused` (something that was received cannot be stored), `fenced` (a home found a later one,
-    and stopped), `unseen` (others do not see a home), `lapped` (a home sends a state, for its feed
-    had overrun it), `ended` (by an error).
+    `refused` (a received message cannot be stored), `fenced` (the home stopped because of a later
+    one), `unseen` (others do not see the home), `lapped` (commits came faster than the home could
+    send them, so it sends a state), `ended` (by an error).
     """
 
     time: int

@@ -156,7 +156,7 @@ class Home(Closable):
         )
 
     def events(self) -> NetEvents:
-        """Return a stream of what happens to it, from the oldest of the last 1,000 events."""
+        """Return a stream of its events, from the oldest of the last 1,000."""
         return NetEvents(self._log)
 
     def close(self) -> None:
@@ -370,7 +370,7 @@ def publish(
     session
         The connection. None: one to the router at tcp/127.0.0.1:7447, closed with the home.
     max_delay
-        Seconds that a commit may wait for later ones, to be sent with them. 0: none waits. A
+        Seconds that a commit may wait for later ones, to be sent in one message. 0: no wait. A
         commit after a pause never waits.
     take_over
         Publish also if the namespace has a home, which then stops.
@@ -388,7 +388,7 @@ def publish(
     StoreExists
         The namespace has a home, and `take_over` is off.
     InvalidName
-        No namespace can have the name.
+        The name is not valid for a namespace.
     InvalidArgument, TypeError
         A value that a parameter does not take, such as a file of `keep_lost` that exists; no epoch
         is later than one that is announced.

@@ -61,8 +61,8 @@ class MirrorStats(NamedTuple):
 class Mirror(Closable):
     """A copy of a namespace's home. `mirror` makes it.
 
-    Use it in a `with` block, or call `close`. The store can be read at any time: each state of it
-    is one that a home had.
+    Use it in a `with` block, or call `close`. The store can be read at any time: each of its
+    states is one that a home had.
     """
 
     def __init__(
@@ -111,15 +111,16 @@ class Mirror(Closable):
 
     @property
     def position(self) -> Position | None:
-        """How far the home's commits are applied. None: nothing came yet."""
+        """Last applied commit of the home. None: none yet."""
         return self._receiver.position
 
     @property
     def state(self) -> Literal["absent", "catching up", "live", "stale", "ended", "closed"]:
-        """What its store is worth.
+        """State of the mirror.
 
-        `absent`: no home was found. `catching up`: commits are missing, and asked for. `live`: it
-        has all that the home has sent. `stale`: the home is gone. `ended`: by an error. `closed`.
+        `absent`: no home found yet. `catching up`: commits are missing and requested. `live`: all
+        commits that the home has sent are applied. `stale`: the home is unreachable. `ended`: by an
+        error. `closed`.
         """
         if self._error is not None:
             return "ended"
@@ -127,7 +128,7 @@ class Mirror(Closable):
 
     @property
     def silence(self) -> float | None:
-        """For how many seconds nothing was heard of the home, if the state is `stale`."""
+        """Seconds since the last message of the home, if the state is `stale`."""
         since = self._receiver.since
         return None if since is None else time.monotonic() - since
 
@@ -155,7 +156,7 @@ class Mirror(Closable):
         )
 
     def events(self) -> NetEvents:
-        """Return a stream of what happens to it, from the oldest of the last 1,000 events."""
+        """Return a stream of its events, from the oldest of the last 1,000."""
         return NetEvents(self._log)
 
     def wait_until_live(self, timeout: float | None = None) -> None:
@@ -169,7 +170,7 @@ class Mirror(Closable):
         Raises
         ------
         WaitTimeout
-            It was not at the end of the timeout.
+            It was not `live` at the end of the timeout.
         InvalidArgument
             It is closed, or the timeout is not valid.
         What ended it
@@ -424,9 +425,8 @@ def mirror(
     prefix, shared
         As in `Buffer.apply`: text before the name of each frame, and frames without it.
     max_lag
-        A mirror that is further behind, in commits, takes a state instead of the commits: it is
-        live sooner, and the samples between are not seen one by one. None: it takes the commits
-        while the home has them.
+        If more commits than this are missing, the mirror takes a state instead: it is live sooner,
+        but skips the samples between. None: it takes all commits that the home still has.
     session
         The connection. None: one to the router at tcp/127.0.0.1:7447, closed with the mirror.
 

@@ -47,16 +47,16 @@ def secure(
     Parameters
     ----------
     ca
-        A file of certificates, PEM: others are let in whose certificate one of them has signed.
+        A PEM file of certificates. Only peers with a certificate that one of them signed connect.
     cert, key
-        The certificate of this process, and its key, PEM. Where it listens, the certificate must
-        name the host to which others connect.
+        PEM files with the certificate of this process and its key. If the process listens, the
+        certificate must name the host to which others connect.
     connect, listen
-        As of `Session`, with `tls/` before the address. Default: tls/127.0.0.1:7447.
+        As in `Session`, with `tls/` before the address. Default: tls/127.0.0.1:7447.
     allow
-        What others may do that connect to `listen`, by the common names of their certificates:
-        `"read"`, `"write"`, or one of them by namespace, such as `{"robot2": "write"}`. Others may
-        do nothing, this certificate all. None: all that the authority has certified may do all.
+        Permissions of peers that connect to `listen`, by the common names of their certificates:
+        `"read"`, `"write"`, or one of them by namespace, such as `{"robot2": "write"}`. Other
+        peers have none; this certificate has all. None: every certified peer has all.
 
     Returns
     -------

@@ -46,12 +46,12 @@ class Session(Closable):
         `tcp/127.0.0.1:7447`. By default nothing listens.
     config
         Instead of both: Zenoh's configuration, as `tfdb.net.secure` makes it, or a file of it.
-        Where it says nothing else, the mode is `client`, nothing listens, and scouting is off.
+        Unless it sets them, the mode is `client`, no port is opened, and scouting is off.
     wait
-        Seconds in which a router that is not there yet is tried again. None: for ever. A process
-        that listens does not wait.
+        Seconds to wait for a missing router. None: without limit. A process that listens does not
+        wait.
     on_wait
-        Called once when it begins to wait, with a text that names the router.
+        Called once at the begin of the wait, with a text that names the router.
 
     Raises
     ------
@@ -60,8 +60,8 @@ class Session(Closable):
     ConnectionError
         No router answers, or it cannot listen at an endpoint.
     InvalidArgument
-        `config` beside the others or not valid; an endpoint of another form than
-        PROTOCOL/HOST:PORT; `wait` is negative.
+        `config` together with `connect` or `listen`; an invalid `config`; an endpoint that is not
+        PROTOCOL/HOST:PORT; a negative `wait`.
     OSError
         The file cannot be read.
     """

@@ -62,7 +62,7 @@ class Status:
 def status(
     name: str | None = None, *, session: Session | None = None, timeout: float = 1.0
 ) -> list[Status]:
-    """Ask the homes and mirrors of a network how they are.
+    """Return the status of the homes and mirrors of a network.
 
     ```python
     for each in tfdb.net.status():
@@ -72,11 +72,11 @@ def status(
     Parameters
     ----------
     name
-        The namespace. None: all. Access control may allow some alone: then name it.
+        The namespace. None: all. If access control permits only some namespaces, give one.
     session
         The connection. None: one to the router at tcp/127.0.0.1:7447, closed at the end.
     timeout
-        Seconds that one may take to answer. Those that are alive and do not are `silent`.
+        Seconds to wait for answers. A home or mirror that is alive without an answer is `silent`.
 
     Returns
     -------

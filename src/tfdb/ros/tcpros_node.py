@@ -37,18 +37,18 @@ class TcprosNode(Closable):
     and one callback of a topic is called at a time: a callback that waits holds up its own topic
     alone. Publishing never waits for a subscriber.
 
-    A subscriber is connected again when its publisher comes back. A node is closed when the master
-    tells it to end, as it does where another of its name starts; what is called then raises
-    NodeClosed with the reason.
+    A subscriber reconnects when its publisher comes back. The master closes a node when
+    another node with its name starts. Later calls raise NodeClosed with the reason.
 
     Parameters
     ----------
     name
-        Without namespace; None: one that no other node has.
+        Name without namespace; None: a unique one.
     master
-        URI of the master; None: `__master:=` or ROS_MASTER_URI says it.
+        URI of the master; None: that of `__master:=` or ROS_MASTER_URI.
     arguments
-        Those of the program, for remappings (`from:=to`, `__name:=`, `__ns:=`); None: `sys.argv`.
+        Arguments of the program, for remappings (`from:=to`, `__name:=`, `__ns:=`). None:
+        `sys.argv`.
 
     Raises NoMaster if no master answers, InvalidName for a name that is none.
     """

@@ -113,8 +113,8 @@ class WireNode(Closable):
     ) -> Subscription:
         """Call `on_message(data, publisher)` for each message of a topic, in their order.
 
-        `publisher` is the name of the publisher's node, or the publisher's gid in hexadecimal
-        digits where no token of it is known. Of more than `depth` messages that wait, the oldest
+        `publisher` is the name of the publisher's node. If no token names it, it is the
+        publisher's gid in hexadecimal digits. Of more than `depth` waiting messages the oldest
         are dropped. Raises InvalidName, InvalidArgument, NodeClosed.
         """
         _refuse_profile(qos)
@@ -172,7 +172,7 @@ class WireNode(Closable):
 
     @property
     def refused(self) -> int:
-        """How many messages were refused: another type, type hash or attachment."""
+        """Count of refused messages, with an unexpected type, type hash or attachment."""
         return self._link.refusals.count
 
     @property

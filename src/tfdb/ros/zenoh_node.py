@@ -20,15 +20,15 @@ class ZenohNode(WireNode):
     """A node in a graph of rmw_zenoh: topics and a clock, over PyPI's eclipse-zenoh.
 
     It sends and receives `tf2_msgs/TFMessage`, `rosgraph_msgs/Clock` and
-    `diagnostic_msgs/DiagnosticArray`. Messages whose type hash or attachment differs are counted,
-    logged once and refused.
+    `diagnostic_msgs/DiagnosticArray`. Messages with an unexpected type hash or attachment are
+    refused, counted and logged once.
 
     Threads: any may call anything. Each subscription has a thread, which calls its callback.
 
     Parameters
     ----------
     name
-        Without namespace; None: one that no other node has.
+        Name without namespace; None: a unique one.
     domain
         ROS domain; None: ROS_DOMAIN_ID, or 0.
     router
@@ -36,7 +36,7 @@ class ZenohNode(WireNode):
         ZENOH_SESSION_CONFIG_URI, or the router at tcp/localhost:7447. ZENOH_CONFIG_OVERRIDE changes
         either.
     arguments
-        Those of the program, for remappings behind `--ros-args`; None: `sys.argv`.
+        Arguments of the program, for remappings after `--ros-args`; None: `sys.argv`.
 
     Raises NotSupported without eclipse-zenoh, ConnectionError without a router, InvalidName,
     InvalidArgument.

@@ -43,10 +43,11 @@ class RuleOptions(TypedDict, total=False):
     name: str
     """Name in logs and in the chains of cascades. The name of the function, if it is not given."""
     fires: Fires
-    """`rises` (of pairs): False at the last evaluation, True now. `falls`: the other way round.
-    `changes`: True, and the pair's answer is another one. `always` (of frames): True."""
+    """`rises` (default of pairs): False at the last evaluation, True now. `falls`: the reverse.
+    `changes`: True, and the pair's transform differs from the last one. `always` (default of
+    frames): True."""
     policy: Policy | None
-    """Of the pair's lookup."""
+    """Policy of the pair's lookup."""
     at: StampLike | None
     """Stamp of the pair's lookup; None: the latest common time."""
     initial: bool
@@ -59,7 +60,7 @@ class RuleOptions(TypedDict, total=False):
     """Whether the action may run several times at once, in any order. False: one at a time, in the
     order of commits."""
     max_depth: int
-    """How many rules' commits may lead to a firing; a longer chain is a RuleCycle: 16."""
+    """Longest chain of rules whose commits led to a firing: 16. A longer one is a RuleCycle."""
     max_pending: int
     """Largest number of events that wait for the action: 1000."""
     keep: Literal["newest", "oldest"]

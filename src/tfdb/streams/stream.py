@@ -44,7 +44,7 @@ class Stream(StreamRows, Cursor["Sample"]):
     `Buffer.follow()` makes it. Iterate over it, over `batches()` or over `changes()`, or call the
     `read_` methods. Within a commit the samples come edge by edge in stamp order, the moving ones
     first. `Stream` is a context manager; `close()` ends all its reads, from any thread. One thread
-    reads at a time, and others wait for it. Where commits keep coming, iteration reads those of a
+    reads at a time, and others wait for it. During continuous commits, iteration reads those of a
     millisecond together.
     """
 

@@ -194,9 +194,13 @@ def client_in(node: Node, ns: str) -> ClientTransport:
 
 def _of_rclpy(node: Node) -> RclpyNode:
     if not hasattr(node, "given"):
-        raise NotSupported(f"actions of ROS 2 need a node of rclpy, and {node.name} is not one")
+        raise NotSupported(
+            f"an action of ROS 2 needs a node of rclpy, not {type(node).__name__} {node.name}"
+        )
     from tfdb.ros.rclpy_node import RclpyNode
 
     if not isinstance(node, RclpyNode):
-        raise NotSupported(f"actions of ROS 2 need a node of rclpy, and {node.name} is not one")
+        raise NotSupported(
+            f"an action of ROS 2 needs a node of rclpy, not {type(node).__name__} {node.name}"
+        )
     return node
