@@ -1,4 +1,4 @@
-// `Trajectory.adaptive`, its work.
+// The computation of `Trajectory.adaptive`.
 #include "tfdb/geometry/adaptive.hpp"
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 namespace tfdb::python {
 namespace {
 
-/// Of the arrays of a Trajectory, without missing poses.
+/// For the arrays of a Trajectory without missing poses.
 nb::object enough_rows(nb::handle stamps, nb::handle poses, double metres, double radians) {
     const Stamps when(stamps);
     nb::object keep;

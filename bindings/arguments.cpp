@@ -14,7 +14,7 @@ namespace {
     throw nb::python_error();
 }
 
-/// Says in our words why a call fits no parameters.
+/// Throws tfdb's own message about a call that does not match its parameters.
 [[noreturn]] void throw_misfit(const ParameterList& list, std::size_t count, PyObject* keywords) {
     nb::list names;
     for (const std::string_view name : list.names) {
@@ -69,7 +69,7 @@ void ParameterList::bind_slowly(PyObject* const* args, std::size_t count, PyObje
 
 void bind_tuple(const ParameterList& list, nb::handle args, PyObject* keywords, PyObject** out) {
     const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(args.ptr()));
-    std::vector<PyObject*> given(count);  // borrowed from both
+    std::vector<PyObject*> given(count);  // references borrowed from both
     for (std::size_t i = 0; i < count; ++i) {
         given[i] = NB_TUPLE_GET_ITEM(args.ptr(), static_cast<Py_ssize_t>(i));
     }

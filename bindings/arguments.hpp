@@ -21,34 +21,35 @@ namespace tfdb::python {
 using RawMethod = PyObject* (*)(PyObject* self, PyObject* const* args, Py_ssize_t count,
                                 PyObject* keywords);
 
-/// A raw method as PyMethodDef wants it; METH_FASTCALL | METH_KEYWORDS says what it really is.
+/// A raw method as PyMethodDef requires it; the flags METH_FASTCALL
+/// METH_KEYWORDS state its true type.
 inline PyCFunction as_function(RawMethod method) {
     return reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(method));
 }
 
-/// Makes it one of the type's methods. The definition must stay.
+/// Adds it to the type's methods. The definition must outlive the type.
 void add_raw_method(nb::handle type, PyMethodDef& method);
 
-/// Makes it one of the functions that `tfdb` offers. The definition must stay.
+/// Adds it to the functions of `tfdb`. The definition must outlive the module.
 void add_raw_function(nb::module_& module, PyMethodDef& function);
 
-/// A parameter list as `def` would write it: the first `required` must be given, those from
-/// `positional` on only by keyword.
+/// A parameter list as in `def`: the first `required` are required, those from `positional` on are
+/// keyword-only.
 struct ParameterList {
     const char* function;
     std::span<const std::string_view> names;
     std::size_t required;
     std::size_t positional;
 
-    /// Fills `out` (one borrowed reference for each name, null where omitted), or throws TypeError.
+    /// Fills `out` (one borrowed reference per name, null if omitted), or throws TypeError.
     void bind_slowly(PyObject* const* args, std::size_t count, PyObject* keywords,
                      PyObject** out) const;
 };
 
-/// Binds what a constructor was given, a tuple and a dict or null, into `out`.
+/// Binds a constructor's arguments, a tuple and a dict or null, into `out`.
 void bind_tuple(const ParameterList& list, nb::handle args, PyObject* keywords, PyObject** out);
 
-/// Binds the arguments of a vectorcall. The common call, all positional, is just a copy.
+/// Binds the arguments of a vectorcall. The common call, all positional, is only a copy.
 template <std::size_t N>
 std::array<PyObject*, N> bind(const ParameterList& list, PyObject* const* args, Py_ssize_t count,
                               PyObject* keywords) {
@@ -67,7 +68,7 @@ std::array<PyObject*, N> bind(const ParameterList& list, PyObject* const* args, 
 [[noreturn]] void throw_not_a_name(PyObject* object, const char* role);
 std::string_view other_name(PyObject* object, const char* role);
 
-/// The bytes of a str, valid as long as the object. Throws TypeError for anything but a str, and
+/// The bytes of a str, valid as long as the object. Throws TypeError if it is not a str, and
 /// InvalidName for lone surrogates, which have no UTF-8.
 inline std::string_view name_of(PyObject* object, const char* role) {
     if (!PyUnicode_Check(object)) {
@@ -86,19 +87,19 @@ inline std::string_view name_of(nb::handle object, const char* role) {
     return name_of(object.ptr(), role);
 }
 
-/// The word given for an option that takes one of a few: no word is refused here, and one without
-/// UTF-8 becomes its repr, which is none of them. Throws TypeError for anything but a str.
+/// The value of an option with a few valid words. It rejects no word; a word without UTF-8 becomes
+/// its repr, which matches none of them. Throws TypeError if it is not a str.
 std::string option_of(nb::handle object, const char* role);
 
-/// Throws InvalidArgument: an option takes one of `words`, and the nearest may have been meant.
+/// Throws InvalidArgument with the valid `words`, and suggests the nearest one.
 [[noreturn]] void throw_not_one_of(const char* role, std::initializer_list<const char*> words,
                                    nb::handle given);
 
-/// Throws TypeError for what cannot be iterated; `wanted` names what it should be.
+/// Throws TypeError if it is not iterable; `wanted` names the expected type.
 void check_many(nb::handle object, const char* role, const char* wanted);
 
-/// Reads each item of a sequence; an error gets its index. Returns what keeps the items: a tuple,
-/// as reading one may run code that changes the sequence.
+/// Reads each item of a sequence; an error gets the item's index. Returns a tuple that keeps the
+/// items, because reading one may run code that changes the sequence.
 template <class Item, class Read>
 [[nodiscard]] nb::object read_items(nb::handle sequence, std::vector<Item>& items, Read read) {
     nb::object kept = nb::steal(PySequence_Tuple(sequence.ptr()));
@@ -114,10 +115,10 @@ template <class Item, class Read>
     return kept;
 }
 
-/// True or False; omitted: False. Throws TypeError for anything else.
+/// True or False; False if omitted. Throws TypeError for other types.
 bool flag_of(PyObject* flag, const char* role);
 
-/// An integer from `least` to `most`. Throws InvalidArgument for anything else.
+/// An integer from `least` to `most`. Throws InvalidArgument for other values.
 std::uint64_t count_of(nb::handle number, const char* name, std::uint64_t least,
                        std::uint64_t most);
 

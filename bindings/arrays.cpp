@@ -55,7 +55,7 @@ const char* name_of_kind(const Py_buffer& view, Kind kind) {
     }
 }
 
-/// numpy.ma lends the numbers that its mask hides, too; and so do classes derived from its own.
+/// A masked array exposes masked numbers as well; so do classes derived from numpy.ma's.
 bool is_masked(nb::handle object) {
     if (is_plain_array(object)) {
         return false;
@@ -72,7 +72,7 @@ bool is_masked(nb::handle object) {
 }  // namespace
 
 bool are_in_range(std::span<const StampNs> stamps) {
-    // An OR of all is a loop that compilers vectorise, and the limit is all ones.
+    // An OR over all stamps is a loop that compilers vectorise; the limit is all ones.
     static_assert((clock::kMaxStamp & (clock::kMaxStamp + 1)) == 0);
     StampNs bits = 0;
     for (const StampNs stamp : stamps) {
@@ -97,7 +97,7 @@ ArrayView::~ArrayView() {
     give_back();
 }
 
-/// Exporters of one axis may let shape and strides point into the view itself, as CPython's do.
+/// Exporters of one axis may point shape and strides into the view itself, as CPython does.
 void ArrayView::take(ArrayView& other) {
     view_ = other.view_;
     kind_ = other.kind_;
@@ -214,7 +214,7 @@ void Stamps::check_apart(nb::handle out) const {
     if (!copied_.is_valid()) {
         return;
     }
-    // To the byte: the stamps of a cloud lie between its points.
+    // Compared by byte ranges: the stamps of a point cloud lie between its points.
     const nb::module_ numpy = nb::module_::import_("numpy");
     if (nb::cast<bool>(numpy.attr("shares_memory")(copied_, out))) {
         throw_error("InvalidArgument",
@@ -231,7 +231,7 @@ ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& kee
     const std::optional<ArrayView> view = ArrayView::of(object, false);
     if (view && (view->kind() == Kind::kFloat32 || view->kind() == Kind::kFloat64)) {
         keep = contiguous_doubles(object);
-    } else {  // what may hold no numbers, or hide some
+    } else {  // may hold other objects than numbers, or masked ones
         const nb::object doubles = nb::module_::import_("tfdb.data.poses").attr("doubles");
         keep = nb::steal(PyObject_CallFunctionObjArgs(doubles.ptr(), object.ptr(), nullptr));
     }

@@ -1,4 +1,4 @@
-// Arrays in, through the buffer protocol, and out, as numpy's.
+// Input arrays through the buffer protocol, and output arrays of numpy.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -21,8 +21,8 @@ using clock::StampNs;
 
 enum class Kind : std::uint8_t { kFloat32, kFloat64, kInt64, kOtherInteger, kOther };
 
-/// A borrowed view of an object's memory. Threads: one. Guarantee: the memory stays where it is
-/// while the view lives, also without the GIL; it must be destroyed with the GIL.
+/// A view of an object's memory. Threads: one. Guarantee: the memory does not move while the view
+/// lives, even without the GIL; the view must be destroyed with the GIL.
 class ArrayView {
 public:
     ArrayView() = default;
@@ -30,7 +30,8 @@ public:
     ArrayView& operator=(ArrayView&& other) noexcept;
     ~ArrayView();
 
-    /// The object's own memory, writable if asked for; nothing if it does not lend it.
+    /// A view of the object's own memory, writable if requested; empty if the object does not
+    /// export it.
     static std::optional<ArrayView> of(nb::handle object, bool writable);
 
     [[nodiscard]] Kind kind() const { return kind_; }
@@ -44,7 +45,7 @@ public:
     [[nodiscard]] T* data() const {
         return static_cast<T*>(view_.buf);
     }
-    /// First and last byte + 1 of what the view covers.
+    /// First byte and end of the viewed memory.
     [[nodiscard]] std::pair<const char*, const char*> range() const;
     /// "float64 (3, 7)"
     [[nodiscard]] std::string describe() const;
@@ -64,8 +65,8 @@ public:
     explicit Stamps(nb::handle object);
 
     [[nodiscard]] std::span<const StampNs> values() const { return values_; }
-    /// Throws InvalidArgument where writing to `out` would change the array that was given, though
-    /// these are a copy of it.
+    /// Throws InvalidArgument if writing to `out` would change the given array, even if these
+    /// stamps are a copy of it.
     void check_apart(nb::handle out) const;
 
 private:
@@ -74,21 +75,21 @@ private:
 
     std::optional<ArrayView> view_;
     std::vector<StampNs> copy_;
-    nb::object array_;   // the one that was given, or what it was converted to
-    nb::object copied_;  // the array that was given, if `values_` are a copy
+    nb::object array_;   // the given array, or its conversion
+    nb::object copied_;  // the given array, if `values_` are a copy
     std::span<const StampNs> values_;
 };
 
-/// Whether a store takes all of these stamps.
+/// Whether a store accepts all of these stamps.
 bool are_in_range(std::span<const StampNs> stamps);
 
-/// A contiguous view of `object` as float64, converted and kept in `keep` where necessary.
-/// Throws InvalidArray, which names what was expected of `role`.
+/// A contiguous view of `object` as float64, converted and kept in `keep` if necessary. Throws
+/// InvalidArray, which names the expected value of `role`.
 ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep);
 
 [[noreturn]] void throw_bad_array(const std::string& role, const std::string& expected,
                                   const std::string& got);
-/// What an object is, for "got ...": its dtype and shape, or its type.
+/// A description for "got ...": dtype and shape, or the type.
 std::string describe(nb::handle object);
 
 }  // namespace tfdb::python

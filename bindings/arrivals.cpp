@@ -1,4 +1,4 @@
-// Recorded transforms in the order of their arrival, as arrays.
+// Recorded transforms in order of arrival, as arrays.
 #include "arrivals.hpp"
 
 #include <nanobind/stl/string.h>
@@ -32,8 +32,8 @@ class ArrivalLog {
 public:
     explicit ArrivalLog(bool with_store) : arrivals(with_store) {}
 
-    /// Adds what is selected of one message. Names with and without a leading slash are noted as
-    /// its bytes have them, which decoding drops.
+    /// Adds the selected transforms of one message. It records whether the message writes a name
+    /// with a leading slash, because decoding drops the slash.
     void add(const RecordedMessage& message, wire::Encoding encoding,
              const Arrivals::Message& about, SelectedSources& selected, bool note_slashes) {
         wire::decode_tf_message(message.bytes(), encoding, read_);
@@ -131,7 +131,7 @@ nb::object array_of(const std::vector<From>& values, const NewArray<T>& made) {
     return made.array;
 }
 
-/// One child frame's columns of numbers.
+/// The numeric columns of one child frame.
 nb::tuple taken(const Arrivals::Columns& columns) {
     const std::size_t rows = columns.stamps.size();
     return nb::make_tuple(array_of(columns.stamps, new_stamps(rows)),

@@ -1,4 +1,4 @@
-// Recorded transforms in the order of their arrival, as arrays.
+// Recorded transforms in order of arrival, as arrays.
 #pragma once
 
 #include <nanobind/nanobind.h>

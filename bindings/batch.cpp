@@ -1,4 +1,4 @@
-// Batches of stamps and points: arrays checked, then one call of the core.
+// Batches of stamps and points: checks the arrays, then calls the core once.
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -38,7 +38,7 @@ Missing missing_of(nb::handle missing) {
     return name == "raise" ? Missing::kThrow : Missing::kNan;
 }
 
-/// A new array for the rows, or `out` if it is what it must be, which then is `kept` where it is.
+/// A new array for the rows, or `out` if it has the right type and shape; `kept` then holds it.
 NewArray<double> rows_for(nb::handle out, std::size_t count, Layout layout,
                           std::optional<ArrayView>& kept) {
     const std::array<std::size_t, 3> matrices = {count, 4, 4};
@@ -97,7 +97,7 @@ PyObject* lookup_transforms(PyObject* self, PyObject* const* args, Py_ssize_t co
     });
 }
 
-/// `writable` ones must fit as they are; others are copied where their strides do not fit.
+/// `writable` points must fit as they are; others are copied if their strides do not fit.
 Points points_of(nb::handle object, const char* role, bool writable) {
     constexpr const char* kExpected = "an array (N, 3) of float32 or float64";
     nb::object array = nb::borrow(object);
@@ -128,7 +128,7 @@ Points points_of(nb::handle object, const char* role, bool writable) {
     return {std::move(*view), std::move(array), count, stride};
 }
 
-/// `out` may be the points themselves or memory apart from them; half on top of them it may not be.
+/// `out` may be the points themselves or memory apart from them, but must not overlap them partly.
 void check_out(const Points& points, const Points& out, nb::handle object) {
     const char* dtype = points.view.kind() == Kind::kFloat32 ? "float32" : "float64";
     if (out.view.kind() != points.view.kind() || out.count != points.count) {
@@ -147,7 +147,7 @@ void check_out(const Points& points, const Points& out, nb::handle object) {
     }
 }
 
-/// Arrays of no dimension are iterable by their names only.
+/// Zero-dimensional arrays only look iterable.
 bool is_one_stamp(nb::handle stamps) {
     if (nb::hasattr(stamps, "ndim")) {
         return nb::object(stamps.attr("ndim")).equal(nb::int_(0));
@@ -155,7 +155,7 @@ bool is_one_stamp(nb::handle stamps) {
     return !PySequence_Check(stamps.ptr()) && !nb::hasattr(stamps, "__iter__");
 }
 
-/// An array like the points, where none is given.
+/// An array like the points, if none is given.
 Points points_out(const Points& from, nb::handle out) {
     nb::object array = nb::borrow(out);
     if (out.is_none()) {
@@ -190,7 +190,7 @@ nb::object lookup_edges(nb::handle self, nb::handle frames, nb::handle stamp, nb
     return wanted.array();
 }
 
-/// Whether float32 is wanted; none: no type is named. Throws InvalidArgument for any other.
+/// Whether float32 is requested; none: no type is given. Throws InvalidArgument for other types.
 std::optional<bool> wants_floats(nb::handle dtype) {
     if (dtype.is_none()) {
         return std::nullopt;

@@ -1,4 +1,4 @@
-// What batches and velocities of a store and of a transaction share.
+// Common parts of batches and velocities of a store and of a transaction.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -16,19 +16,19 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// From here on a batch takes so long that other threads should run: about 0.1 ms and more.
+/// From this size on a batch takes so long that other threads should run: about 0.1 ms.
 inline constexpr std::size_t kReleaseFromRows = 8192;
-/// The same of edges that are looked up at one stamp.
+/// The same for edges at one stamp.
 inline constexpr std::size_t kReleaseFromEdges = 1024;
-/// Up to so many are done before a signal could matter.
+/// Below this size a batch ends before a signal could matter.
 inline constexpr std::size_t kQuickRows = 128;
 
-/// The arguments of `lookup_velocity`, checked as far as types go.
+/// The arguments of `lookup_velocity`, with checked types.
 struct VelocityWanted {
     VelocityWanted(nb::handle target, nb::handle source, nb::handle when, nb::handle interval,
                    nb::handle reference, nb::handle point, nb::handle point_frame);
 
-    /// What `reads`, a store or a transaction, answers.
+    /// The answer of `reads`, a store or a transaction.
     template <class From>
     [[nodiscard]] Twist of(From& reads) const {
         return reads.lookup_velocity(target, source, stamp, interval, reference, point,
@@ -44,7 +44,7 @@ struct VelocityWanted {
     std::string_view point_frame;
 };
 
-/// Points as the core wants them: rows of three neighbouring numbers.
+/// Points in the core's form: rows of three adjacent numbers.
 struct Points {
     ArrayView view;
     nb::object array;
@@ -52,12 +52,12 @@ struct Points {
     std::size_t stride;  // in elements
 };
 
-/// The arguments of `transform_points`, checked, and the points to be written.
+/// The checked arguments of `transform_points`, and the output points.
 struct PointsWanted {
     PointsWanted(nb::handle target, nb::handle source, nb::handle points, nb::handle stamps,
                  nb::handle policy, nb::handle out, nb::handle missing);
 
-    /// Has `reads`, a store or a transaction, move them.
+    /// Transforms the points by `reads`, a store or a transaction.
     template <class From>
     void move_with(From& reads) const {
         if (from.view.kind() == Kind::kFloat32) {
@@ -86,7 +86,7 @@ private:
     }
 };
 
-/// Binds `lookup_velocity` to a class, with the signature that all reads share.
+/// Binds `lookup_velocity` to a class, with the common signature of all reads.
 template <class Type, class Function>
 void bind_velocity(Type& type, Function function, const char* doc) {
     type.def("lookup_velocity", function, nb::arg("target").none(), nb::arg("source").none(),
@@ -100,7 +100,7 @@ void bind_velocity(Type& type, Function function, const char* doc) {
              doc);
 }
 
-/// Binds `transform_points` to a class, with the signature that all reads share.
+/// Binds `transform_points` to a class, with the common signature of all reads.
 template <class Type, class Function>
 void bind_transform_points(Type& type, Function function, const char* doc) {
     type.def("transform_points", function, nb::arg("target").none(), nb::arg("source").none(),
@@ -115,7 +115,7 @@ void bind_transform_points(Type& type, Function function, const char* doc) {
              doc);
 }
 
-/// The arguments of `lookup_edges`, checked, and the rows to be written.
+/// The checked arguments of `lookup_edges`, and the output rows.
 class EdgesWanted {
 public:
     /// Throws TypeError, InvalidName, InvalidArgument, InvalidStamp, InvalidArray.
@@ -124,7 +124,7 @@ public:
 
     [[nodiscard]] std::size_t size() const { return frames_.size(); }
     [[nodiscard]] const nb::object& array() const { return array_; }
-    /// Has `reads`, a store or a transaction, fill the rows.
+    /// Fills the rows from `reads`, a store or a transaction.
     template <class From>
     void fill_from(From& reads) {
         if (doubles_ != nullptr) {
@@ -148,13 +148,13 @@ private:
     std::optional<StampNs> stamp_;
     Policy policy_;
     Missing missing_;
-    std::optional<ArrayView> view_;  // of `out`, held so that its memory stays in place
+    std::optional<ArrayView> view_;  // of `out`, held so that its memory does not move
     nb::object array_;
-    double* doubles_ = nullptr;  // of the two one
+    double* doubles_ = nullptr;  // exactly one of the two is set
     float* floats_ = nullptr;
 };
 
-/// Binds `lookup_edges` to a class, with the signature that all reads share.
+/// Binds `lookup_edges` to a class, with the common signature of all reads.
 template <class Type, class Function>
 void bind_lookup_edges(Type& type, Function function, const char* doc) {
     type.def("lookup_edges", function, nb::arg("frames").none(), nb::arg("stamp") = nb::none(),
@@ -168,10 +168,10 @@ void bind_lookup_edges(Type& type, Function function, const char* doc) {
              doc);
 }
 
-/// The arguments of `lookup_transforms`, checked, and the rows to be written.
+/// The checked arguments of `lookup_transforms`, and the output rows.
 struct RowsWanted {
-    /// The last three may be null, which is for their default. Throws InvalidArgument,
-    /// InvalidStamp, InvalidArray.
+    /// The last three may be null for their defaults. Throws InvalidArgument, InvalidStamp,
+    /// InvalidArray.
     RowsWanted(nb::handle target, nb::handle source, nb::handle stamps, nb::handle policy,
                nb::handle layout, nb::handle out, nb::handle missing);
 
@@ -181,7 +181,7 @@ struct RowsWanted {
     Missing missing;
     Policy policy;
     Stamps stamps;
-    std::optional<ArrayView> kept;  // of `out`, held so that its memory stays in place
+    std::optional<ArrayView> kept;  // of `out`, held so that its memory does not move
     NewArray<double> result;
 
     [[nodiscard]] std::span<double> rows() const {

@@ -47,7 +47,7 @@ BufferObject* make_object(void* place, const BufferOptions& options) {
     try {
         return new (place) BufferObject(options);
     } catch (const CapacityExceeded&) {
-        // Stores that are garbage, but in a cycle, still hold their address space.
+        // Unreachable stores in reference cycles still hold their address space.
         nb::module_::import_("gc").attr("collect")();
         return new (place) BufferObject(options);
     }
@@ -87,7 +87,7 @@ void init(nb::pointer_and_handle<BufferObject> self, const nb::args& args,
     }
 }
 
-/// A name of the file system, which need not be UTF-8.
+/// A file system path, which need not be UTF-8.
 std::string path_of(nb::handle path) {
     PyObject* bytes = nullptr;
     if (PyUnicode_FSConverter(path.ptr(), &bytes) == 0) {
@@ -140,7 +140,7 @@ nb::str decoded(const std::string& path) {
         PyUnicode_DecodeFSDefaultAndSize(path.data(), static_cast<Py_ssize_t>(path.size())));
 }
 
-/// The file by a path that leads there from every folder: a store is pickled by it.
+/// An absolute path of the file: stores are pickled by it.
 std::string absolute_path_of(nb::handle path) {
     std::string file = path_of(path);
     std::unique_ptr<char, decltype(&std::free)> here(nullptr, &std::free);
@@ -307,7 +307,7 @@ nb::str represent(nb::handle object) {
                                  history(self), concurrency(self), frozen(self), closed));
 }
 
-// A clock may refer to the buffer: let the garbage collector see it.
+// A clock may refer to the buffer: this shows the garbage collector the reference.
 int traverse(PyObject* self, visitproc visit, void* arg) {
     Py_VISIT(Py_TYPE(self));
     if (nb::inst_ready(self)) {

@@ -1,4 +1,4 @@
-// Bytes that a caller hands in.
+// Bytes passed by a caller.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -15,9 +15,9 @@ namespace tfdb::python {
 
 using Bytes = std::span<const std::byte>;
 
-/// The bytes of a bytes-like object. Mutable ones are copied: decoding relies on what it has
-/// checked.
-/// Threads: made and destroyed with the GIL. Guarantee: the bytes stay as they are.
+/// The bytes of a bytes-like object. Mutable ones are copied, because decoding relies on earlier
+/// checks.
+/// Threads: constructed and destroyed with the GIL. Guarantee: the bytes do not change.
 class BytesLike {
 public:
     explicit BytesLike(nb::handle object, const char* what = "a message") {

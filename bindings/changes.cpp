@@ -1,4 +1,4 @@
-// What commits did, as Python records.
+// The changes of commits as Python records.
 #include <nanobind/stl/string.h>
 
 #include <cstring>
@@ -54,7 +54,7 @@ nb::object columns_of(const nb::object& type, const std::vector<Changes::Edge>& 
                     edge.poses.size() * sizeof(geometry::Pose));
         row += edge.poses.size();
     }
-    // Without the checks of its constructor, which all this passes.
+    // It skips the checks of the constructor, which these arrays satisfy.
     nb::object made = type.attr("__new__")(type);
     made.attr("parents") = parents;
     made.attr("children") = children;
@@ -63,7 +63,7 @@ nb::object columns_of(const nb::object& type, const std::vector<Changes::Edge>& 
     return made;
 }
 
-/// The writer of each row, in the order of `columns_of`: the moving ones first.
+/// The writer of each row, in the order of `columns_of`: moving edges first.
 nb::tuple authorities_of(const std::vector<Changes::Edge>& edges) {
     nb::list authorities;
     for (const bool is_static : {false, true}) {

@@ -18,8 +18,8 @@
 namespace tfdb::python {
 namespace {
 
-/// What is behind the Python class Clock.
-/// Threads: the holder of the GIL; `clock` any. Guarantee: none of it changes.
+/// The object behind the Python class Clock.
+/// Threads: the holder of the GIL; `clock` any. Guarantee: immutable.
 struct ClockObject {
     Clock clock;
     nb::object owner;  // the Buffer object
@@ -60,7 +60,7 @@ bool sleep_until(nb::handle self, nb::handle stamp, nb::handle timeout) {
     return sleep_to(self, stamp_of(stamp.ptr()), timeout);
 }
 
-/// For a player: False as well where the clock was set more often.
+/// For a player: False also if the clock was set more often.
 bool sleep_unless_set(nb::handle self, nb::handle stamp, nb::handle timeout,
                       std::uint64_t settings) {
     return sleep_to(self, stamp_of(stamp.ptr()), timeout, settings);
@@ -90,7 +90,7 @@ std::string describe(nb::handle self) {
     return "<tfdb.Clock at " + at + ", speed " + nb::str(nb::float_(set->speed)).c_str() + ">";
 }
 
-// A buffer's clock function may refer to what holds its clocks: as for snapshots.
+// A buffer's clock function may refer to objects that hold its clocks: as for snapshots.
 int traverse_clock(PyObject* self, visitproc visit, void* arg) {
     Py_VISIT(Py_TYPE(self));
     if (nb::inst_ready(self)) {
@@ -208,7 +208,7 @@ void bind_settings(nb::class_<ClockObject>& made) {
         "Seconds of this clock in a real second: above 0. Raises as `pause`, and InvalidArgument.");
 }
 
-/// What src/tfdb/player and the command line need.
+/// Functions for src/tfdb/player and the command line.
 void bind_for_players(nb::class_<ClockObject>& made) {
     made.def_prop_ro(
         "_set_to",

@@ -1,4 +1,4 @@
-// Commits as the messages of a recording, and back.
+// Converts commits to the messages of a recording, and back.
 #include "commit_messages.hpp"
 
 #include <nanobind/stl/string.h>
@@ -22,7 +22,7 @@ nb::object bytes_or_none(const std::vector<std::byte>& bytes) {
     return nb::bytes(bytes.data(), bytes.size());
 }
 
-/// Asks with the GIL, which the caller does not hold.
+/// Calls `choose` with the GIL, which the caller does not hold.
 wire::ChooseName choice_of(nb::handle choose) {
     if (choose.is_none())
         return {};

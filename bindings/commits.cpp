@@ -1,4 +1,4 @@
-// Commits and states as bytes, from and into stores.
+// Commits and states as bytes: export and import.
 #include <nanobind/stl/string.h>
 
 #include <cstring>
@@ -77,7 +77,7 @@ nb::bytes state_bytes(nb::handle self, nb::handle frames, nb::handle newest) {
     return bytes_of(bytes);
 }
 
-/// For a player: while it runs, no other thread applies to the buffer.
+/// For a player: while it runs, no other thread applies samples to the buffer.
 nb::bytes state_bytes_as(BufferObject& self, nb::handle source) {
     const std::string_view name = name_of(source, "source");
     std::vector<std::byte> bytes;
@@ -137,7 +137,7 @@ bool forget_source(BufferObject& self, nb::handle source) {
     return self.open_store().forget_source(name);
 }
 
-/// For tfdb.net. `from`: where the position must be, None: anywhere.
+/// For tfdb.net. `from`: the required position; None: any.
 nb::object hand_over(BufferObject& self, nb::handle source, nb::handle how, nb::handle epoch,
                      nb::handle commit, nb::handle from) {
     const std::string_view kind = name_of(how, "how");

@@ -105,7 +105,7 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     }
 }
 
-/// An instance without its __init__, which would only store the fields again.
+/// An instance created without its __init__, which would only store the fields again.
 nb::object new_error(nb::handle type, const std::string& message) {
     const nb::tuple arguments = nb::make_tuple(escaped(message));
     auto* kind = reinterpret_cast<PyTypeObject*>(type.ptr());
@@ -115,7 +115,7 @@ nb::object new_error(nb::handle type, const std::string& message) {
         throw nb::python_error();
     }
     nb::object made = nb::steal(value);
-    made.attr("args") = arguments;  // those of system errors are not taken by their __new__
+    made.attr("args") = arguments;  // the __new__ of system errors does not set them
     return made;
 }
 
@@ -145,7 +145,7 @@ nb::object error_object(const Error& error) {
     nb::object value = new_error(type, error.what());
     set_fields(value, error.detail());
     if (error.code() == ErrorCode::kUnknownFrame) {
-        value.attr("frame") = escaped(error.detail().frame);  // also the empty name
+        value.attr("frame") = escaped(error.detail().frame);  // even the empty name
     }
     return value;
 }
@@ -250,7 +250,7 @@ std::string short_repr(nb::handle object) {
     }
     std::string result = text_of(printed);
     if (result.size() > kLongest) {
-        std::size_t end = kLongest;  // where a character begins
+        std::size_t end = kLongest;  // start of a character
         while (end > 0 && (static_cast<unsigned char>(result[end]) & 0xC0U) == 0x80U) {
             --end;
         }
@@ -264,7 +264,7 @@ std::string type_name_of(nb::handle object) {
 #ifndef Py_LIMITED_API
     return Py_TYPE(object.ptr())->tp_name;
 #else
-    // The same words: a type of C has the name of its module in its own.
+    // The same text: the name of a C type includes its module.
     const nb::handle type = object.type();
     const auto name = nb::cast<std::string>(type.attr("__name__"));
     if ((PyType_GetFlags(Py_TYPE(object.ptr())) & Py_TPFLAGS_HEAPTYPE) != 0) {

@@ -1,4 +1,4 @@
-// The way of errors from the core, and from the checks of arguments, into Python.
+// Converts errors of the core, and of argument checks, to Python errors.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -17,10 +17,10 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// Imports tfdb.errors and makes nanobind translate tfdb::Error.
+/// Imports tfdb.errors and lets nanobind translate tfdb::Error.
 void bind_errors(nb::module_& module);
 
-/// The Python error that `error` stands for, with all its fields.
+/// The Python error for `error`, with all its fields.
 nb::object error_object(const Error& error);
 
 /// Raises it.
@@ -35,24 +35,25 @@ bool is_tfdb_error(const nb::python_error& error);
 /// A tfdb.types.Refused.
 nb::object refused_record(const RefusedMember& member);
 
-/// Text of the core as a str; bytes that are not UTF-8, of C++ programs and of damage, are escaped.
+/// Text of the core as a str; bytes that are not UTF-8, from C++ programs or damage, are escaped.
 nb::str escaped(std::string_view text);
 
-/// The name of a frame as a str. Throws CorruptStore: none is ever stored that is not UTF-8.
+/// The name of a frame as a str. Throws CorruptStore if it is not UTF-8: such names are never
+/// stored.
 nb::str str_of_name(std::string_view name);
-/// The same; None where there is none.
+/// The same; None for an empty optional.
 nb::object name_or_none(const std::optional<std::string>& name);
 
-/// Name of the class of tfdb.errors that stands for a code.
+/// Name of the class in tfdb.errors for a code.
 const char* class_name(ErrorCode code);
 
 using Field = std::pair<const char*, nb::object>;
 
-/// Throws (as nb::python_error) the class of tfdb.errors of that name.
+/// Throws (as nb::python_error) the class of tfdb.errors with that name.
 [[noreturn]] void throw_error(const char* class_name, const std::string& message,
                               std::initializer_list<Field> fields = {});
 
-/// Runs one element of a batch; an error that leaves it gets the element's position as `index`.
+/// Runs the code for one element of a batch; an error gets the element's position as `index`.
 template <class Function>
 void at_index(std::size_t index, Function&& function);
 
@@ -76,7 +77,7 @@ template <class Function>
 PyObject* guarded(Function&& function) noexcept {
     try {
         return function();
-    } catch (const Error& error) {  // here, and not by a second throw: failing must be cheap
+    } catch (const Error& error) {  // here, without a second throw: failing must be cheap
         set_error(error);
         return nullptr;
     } catch (...) {
@@ -88,18 +89,18 @@ PyObject* guarded(Function&& function) noexcept {
 /// Name of an object's type, for messages.
 std::string type_name_of(nb::handle object);
 
-/// repr() cut to what fits into a message.
+/// repr(), shortened for a message.
 std::string short_repr(nb::handle object);
 
-/// str() for a message; what has no UTF-8 is escaped.
+/// str() for a message; text without UTF-8 is escaped.
 std::string text_of(nb::handle object);
 
-/// Forgets the Python error: another one will be raised in its place. Throws MemoryError and errors
+/// Clears the Python error, because another one will be raised. Throws MemoryError and errors
 /// outside of Exception, such as KeyboardInterrupt.
 void forget_error();
 
-/// For loops that keep the GIL: runs Python's signal handlers now and then, and throws what they
-/// raise.
+/// For loops that keep the GIL: runs Python's signal handlers periodically, and throws their
+/// errors.
 void look_for_signals(std::size_t step);
 
 }  // namespace tfdb::python

@@ -1,4 +1,4 @@
-// Names of attributes that are read in loops, interned once: a lookup by C string makes a str.
+// Attribute names that loops read, interned once: a lookup by C string creates a str.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -23,7 +23,7 @@ extern Fields g_fields;
 
 void bind_fields();
 
-/// An attribute; throws what reading it raises.
+/// An attribute; throws the error that reading it raises.
 inline nb::object get(PyObject* object, PyObject* name) {
     PyObject* value = PyObject_GetAttr(object, name);
     if (value == nullptr) {
@@ -32,7 +32,7 @@ inline nb::object get(PyObject* object, PyObject* name) {
     return nb::steal(value);
 }
 
-/// An attribute, or nothing where the object does not have it.
+/// An attribute; empty if the object does not have it.
 inline nb::object find(PyObject* object, PyObject* name) {
     PyObject* value = nullptr;
 #if defined(Py_LIMITED_API)

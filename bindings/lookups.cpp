@@ -1,4 +1,4 @@
-// The hottest reads as raw methods: lookup_transform, lookup_latest_transform, can_transform.
+// The most frequent reads as raw methods: lookup_transform, lookup_latest_transform, can_transform.
 #include "lookups.hpp"
 
 #include <array>
@@ -14,16 +14,17 @@
 namespace tfdb::python {
 namespace {
 
-// One for each thread that may be inside a lookup; no Python code runs while it is in use.
+// One per thread that may be inside a lookup; no Python code runs while it is in use.
 #ifdef Py_GIL_DISABLED
 thread_local
 #endif
     Answer g_answer;
-// For lookups without the GIL: what is local to a thread is slower to reach.
+// For lookups without the GIL: thread-local data are slower to reach.
 thread_local Answer g_own_answer;
 
-/// `self` of a raw method, readable until the end of the call. To be made when no Python code will
-/// run any more, but after `keep`: else a snapshot that the GIL protects could be closed meanwhile.
+/// `self` of a raw method, readable until the end of the call. Construct it after the last Python
+/// code, or call `keep` before: otherwise a snapshot that the GIL protects could be closed
+/// meanwhile.
 class Open {
 public:
     explicit Open(PyObject* self) : object_(made_reads(self)) {
@@ -42,9 +43,9 @@ public:
         }
     }
 
-    /// Keeps a snapshot readable from here on also where Python code runs.
+    /// Keeps a snapshot readable even while Python code runs.
     void keep() {
-        // Once kept, another thread may have closed it since.
+        // Another thread may have closed it before it was kept.
         if (keep_ == nullptr) {
             keep_ = object_.held;
         }
@@ -69,8 +70,8 @@ private:
     std::shared_ptr<Snapshot> keep_;
 };
 
-/// Asks about two frames, by the handles that are remembered of their names; by the names, in one
-/// state, where a frame is gone. Null: no answer. The question then holds the names.
+/// Looks up two frames by the cached handles of their names; if a frame is gone, by the names in one
+/// state. Null: no answer. The question then contains the names.
 const Answer* ask(const Open& open, PyObject* target, PyObject* source, Question& question,
                   Failure& failure) {
     NameCache& names = open.names();
@@ -102,7 +103,7 @@ const Answer* ask(const Open& open, PyObject* target, PyObject* source, Question
     open.reads().raise(failure, question);
 }
 
-/// The answer as an object; null without an answer. The question then holds the names.
+/// The answer as an object; null without an answer. The question then contains the names.
 PyObject* find_transform(Open& open, PyObject* target, PyObject* source, Question& question,
                          Failure& failure) {
     for (;;) {
@@ -113,7 +114,7 @@ PyObject* find_transform(Open& open, PyObject* target, PyObject* source, Questio
         if (PyObject* const names = open.paths().find(found->edges); names != nullptr) [[likely]] {
             return new_transform(*found, target, source, names);
         }
-        // Making names may run Python code, and that another lookup.
+        // Creating names may run Python code, and that code may run another lookup.
         open.keep();
         const Answer own = *found;
         const nb::object names = open.paths().make(open.reads(), own.edges);
@@ -123,7 +124,7 @@ PyObject* find_transform(Open& open, PyObject* target, PyObject* source, Questio
     }
 }
 
-/// The same; throws what the question is refused with.
+/// The same; throws if the question is refused.
 PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question& question) {
     Failure failure;
     PyObject* const made = find_transform(open, target, source, question, failure);
@@ -133,7 +134,7 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question&
     return made;
 }
 
-/// Throws the error of the failed question, with the time that was waited for it.
+/// Throws the error of the failed question, which includes the time waited.
 [[noreturn]] void raise_late(const Open& open, const Failure& failure, const Question& question,
                              StampNs waited, bool stopped) {
     try {
@@ -145,7 +146,7 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question&
     }
 }
 
-/// The same, once there is an answer; throws after so long (none: never).
+/// The same, once there is an answer; throws after the timeout (none: never).
 PyObject* await_transform(PyObject* self, PyObject* target, PyObject* source, Question& question,
                           std::optional<StampNs> longest) {
     if (!nb::isinstance<BufferObject>(self)) {
@@ -349,7 +350,7 @@ void add_raw_waits(nb::handle type) {
 }
 
 StampNs now_of(PyObject* buffer) {
-    // A reference of its own: the call may drop the buffer's.
+    // An own reference: the call may drop the buffer's.
     const nb::object clock = nb::inst_ptr<BufferObject>(buffer)->clock;
     if (clock.is_valid()) {
         return stamp_of(nb::object(clock()).ptr());

@@ -1,4 +1,4 @@
-// Lookups for other bindings: they make no Python objects and report no reason for a failure.
+// Lookups for other bindings: they create no Python objects and report no reason for a failure.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -17,7 +17,7 @@ struct Found {
 };
 
 /// T[target<-source] of a Buffer at a stamp (none: the latest common time); names are exact str.
-/// Nothing where it has no answer. Throws what reading a buffer throws.
+/// Empty without an answer. Throws the errors of a read of a buffer.
 std::optional<Found> find_pose(PyObject* buffer, PyObject* target, PyObject* source,
                                std::optional<StampNs> stamp);
 

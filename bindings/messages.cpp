@@ -2,7 +2,7 @@
 
 #include <nanobind/stl/array.h>
 
-// After Python's own header, which it needs.
+// After Python's own header, on which it depends.
 #include <structmember.h>
 
 #include <algorithm>
@@ -22,7 +22,7 @@
 namespace tfdb::python {
 namespace {
 
-/// What a message holds of a lookup: target, source, seconds, nanoseconds, x y z qx qy qz qw.
+/// A message's data of a lookup: target, source, seconds, nanoseconds, x y z qx qy qz qw.
 constexpr std::size_t kValues = 11;
 constexpr std::size_t kSeconds = 2;
 constexpr std::size_t kNanoseconds = 3;
@@ -55,7 +55,8 @@ nb::object call_with(const nb::object& make, PyObject* target, PyObject* source,
                 nb::make_tuple(t.x, t.y, t.z, q.x, q.y, q.z, q.w));
 }
 
-/// One of a message's objects, and what its slots hold: another object, a constant, or a value.
+/// One of a message's objects, and the content of its slots: another object, a constant, or a
+/// value.
 struct Part {
     struct Slot {
         Py_ssize_t offset = 0;
@@ -71,7 +72,7 @@ PyObject*& place_of(PyObject* object, Py_ssize_t offset) {
     return *reinterpret_cast<PyObject**>(reinterpret_cast<char*>(object) + offset);
 }
 
-/// Takes the values; null with MemoryError.
+/// Creates the object from the values; null with MemoryError.
 PyObject* make_part(const Part& part, Values& values) {
     auto* const type = reinterpret_cast<PyTypeObject*>(part.type.ptr());
     PyObject* const made = PyType_GenericAlloc(type, 0);
@@ -96,7 +97,7 @@ PyObject* make_part(const Part& part, Values& values) {
     return made;
 }
 
-/// Where the instances of a class have their `__slots__`; nothing if they hold anything else.
+/// The offsets of a class's `__slots__` in its instances; empty if they hold anything else.
 std::optional<std::vector<Py_ssize_t>> slots_of(PyTypeObject* type) {
     const nb::handle of_type(reinterpret_cast<PyObject*>(type));
     const auto size = [of_type](const char* name) {
@@ -145,12 +146,12 @@ bool are_equal(PyObject* a, PyObject* b) {
     return equal == 1;
 }
 
-/// Takes a message apart whose values are known: each must be there once.
+/// Takes a message with known values apart: each value must occur once.
 class Reading {
 public:
     explicit Reading(const Values& values) : values_(values) {}
 
-    /// Null: it cannot be made from its slots alone.
+    /// Null: the message cannot be created from its slots alone.
     std::unique_ptr<Part> read(PyObject* object, unsigned depth = 0) {
         constexpr unsigned kDeepest = 8;
         PyTypeObject* const type = Py_TYPE(object);
@@ -212,11 +213,11 @@ bool are_same(const Part& a, const Part& b) {
            std::equal(a.slots.begin(), a.slots.end(), b.slots.begin(), same_slot);
 }
 
-/// How `make` makes its messages, by what it makes of values that are known again. Null where there
-/// is more to it.
+/// How `make` creates its messages, derived from messages with recognisable values. Null if it does
+/// more.
 std::unique_ptr<Part> recipe_of(const nb::object& make) {
     std::unique_ptr<Part> found;
-    for (const int which : {1, 2}) {  // what is the same in both does not depend on the values
+    for (const int which : {1, 2}) {  // parts that are equal in both do not depend on the values
         const double unusual = 1e-3 * which;
         const Found sample{{{11 + unusual, 12 + unusual, 13 + unusual},
                             {14 + unusual, 15 + unusual, 16 + unusual, 17 + unusual}},
@@ -235,7 +236,7 @@ std::unique_ptr<Part> recipe_of(const nb::object& make) {
     return found;
 }
 
-/// Where the class of the messages' stamps has their numbers; no class where that is not known.
+/// Where the messages' stamp class stores its numbers; no class if unknown.
 struct TimeSlots {
     PyTypeObject* type = nullptr;
     Py_ssize_t seconds = 0;
@@ -274,16 +275,16 @@ int traverse_part(const Part& part, visitproc visit, void* arg) {
     return 0;
 }
 
-/// What is behind the Python class: the function, and its recipe once it was looked for.
-/// Threads: the holder of the GIL; without one, any.
-/// Guarantee: a recipe that was found stays, so that it may be used while others run.
+/// The object behind the Python class: the function, and its recipe once it was derived.
+/// Threads: the holder of the GIL; without a GIL, any.
+/// Guarantee: a recipe is never replaced, so it may be used concurrently.
 class MessageMaker {
 public:
     explicit MessageMaker(nb::object make) : make_(std::move(make)) {}
 
     [[nodiscard]] const nb::object& function() const { return make_; }
 
-    /// Null: `make` has to be called. Runs Python code the first time.
+    /// Null: `make` must be called. Runs Python code the first time.
     const Part* recipe(PyObject* self) {
         const auto known = [&] {
             const nb::ft_object_guard guard(self);
@@ -300,7 +301,7 @@ public:
         return recipe_.get();
     }
 
-    /// Of times of that class: their numbers may be read where they are.
+    /// For stamps of that class: their numbers can be read in place.
     [[nodiscard]] const TimeSlots& time() const { return time_; }
 
     int traverse(visitproc visit, void* arg) const {
@@ -329,8 +330,8 @@ nb::object call(nb::handle self, nb::handle target, nb::handle source, nb::handl
     return checked(make_message(self.ptr(), target.ptr(), source.ptr(), found));
 }
 
-// A function may refer to what holds its maker: let the garbage collector see the way. Functions
-// and classes give up what they refer to, so there is nothing to clear here.
+// A function may refer to objects that hold its maker: this shows the garbage collector the
+// reference. Functions and classes clear their own references, so there is nothing to clear here.
 int traverse(PyObject* self, visitproc visit, void* arg) {
     Py_VISIT(Py_TYPE(self));
     return nb::inst_ready(self) ? nb::inst_ptr<MessageMaker>(self)->traverse(visit, arg) : 0;
@@ -364,7 +365,8 @@ PyObject* make_message(PyObject* maker, PyObject* target, PyObject* source, cons
         constexpr StampNs kAfter = (StampNs{1} << 31) * clock::kNanosPerSecond;
         MessageMaker& object = *nb::inst_ptr<MessageMaker>(maker);
         const Part* const recipe = object.recipe(maker);
-        // Messages whose seconds have 31 bits refuse more, and those of ROS 1 less than none.
+        // Messages whose seconds have 31 bits refuse later stamps, and ROS 1 messages refuse
+        // negative ones.
         if (recipe == nullptr || found.stamp < 0 || found.stamp >= kAfter) [[unlikely]] {
             return call_with(object.function(), target, source, found).release().ptr();
         }

@@ -12,10 +12,10 @@
 
 namespace nb = nanobind;
 
-// nanobind's entry, behind ours.
+// Renames nanobind's entry point, which the one below calls.
 #define PyInit__core tfdb_make_core
 NB_MODULE(_core, module) {
-    // A policy or a buffer in a global of the user's is alive at exit, and no leak.
+    // A policy or a buffer in a user's global variable is alive at exit; that is no leak.
     nb::set_leak_warnings(false);
     module.doc() = "The compiled part of tfdb. Use the names that `tfdb` exports.";
     module.attr("__version__") = TFDB_VERSION;
@@ -37,7 +37,7 @@ NB_MODULE(_core, module) {
 #undef PyInit__core
 
 // NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming): Python chose the name.
-// What this module keeps of Python (types, interned names, numpy's parts) is of one interpreter.
+// This module's Python references (types, interned names, numpy's parts) belong to one interpreter.
 extern "C" NB_EXPORT PyObject* PyInit__core() {
     if (PyInterpreterState_GetID(PyInterpreterState_Get()) != 0) {
         PyErr_SetString(PyExc_ImportError,

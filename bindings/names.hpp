@@ -1,4 +1,4 @@
-// From frame names to handles, remembered by the str object.
+// Maps frame names to handles, cached by the str object.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -14,7 +14,7 @@ namespace tfdb::python {
 
 #ifdef Py_GIL_DISABLED
 
-/// Without the GIL every name is looked up anew: a cache would need a lock on the way of each read.
+/// Without the GIL names are not cached: a cache would need a lock in each read.
 class NameCache {
 public:
     FrameRef find(PyObject* name, const char* role) { return {.name = name_of(name, role)}; }
@@ -23,9 +23,10 @@ public:
 
 #else
 
-/// A direct-mapped cache of handles by the address of the str, which it keeps alive, so that an
-/// address never comes to mean another name. Threads: the holder of the GIL.
-/// Guarantee: a handle may be out of date; the question that takes it reports that.
+/// A direct-mapped cache of handles by the address of the str. It keeps the str alive, so the
+/// address keeps its meaning.
+/// Threads: the holder of the GIL.
+/// Guarantee: a handle may be outdated; the question that uses it reports that.
 class NameCache {
 public:
     NameCache() = default;
@@ -37,7 +38,7 @@ public:
         }
     }
 
-    /// By the handle alone where there is one: then the name need not be looked at.
+    /// Uses only the handle if there is one; the name is then not read.
     FrameRef find(PyObject* name, const char* role) {
         const Entry& entry = entries_[slot(name)];
         if (entry.name == name) {

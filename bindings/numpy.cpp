@@ -11,8 +11,8 @@
 namespace tfdb::python {
 namespace {
 
-// What numpy's headers say, alike for numpy 1 and 2: numbers of types, flags, the first fields of
-// an array, and places in the table of functions that it hands to other extensions.
+// Constants of numpy's headers, equal for numpy 1 and 2: type numbers, flags, the first fields of
+// an array, and indices in the function table that it exports to other extensions.
 enum TypeNumber : int { kBool = 0, kInt64 = 7, kFloat32 = 11, kFloat64 = 12 };
 static_assert(sizeof(bool) == 1, "as numpy's");
 static_assert(sizeof(long) == sizeof(clock::StampNs), "7 is the number of a long");
@@ -38,7 +38,7 @@ constexpr std::size_t kGetVersion = 0;
 constexpr std::size_t kArrayType = 2;
 constexpr std::size_t kMakeArray = 93;
 
-/// What is used of numpy; references for the life of the process.
+/// The used parts of numpy; references for the life of the process.
 struct Numpy {
     PyTypeObject* array_type;
     MakeArray make;
@@ -46,7 +46,7 @@ struct Numpy {
     PyObject* float64;
     PyObject* int64;
 };
-// Set once, at the first use: a program without arrays does not wait for numpy's import.
+// Set once, at the first use, so that programs without arrays do not import numpy.
 std::atomic<const Numpy*> g_numpy{nullptr};
 
 const Numpy& find_numpy() {
@@ -74,7 +74,7 @@ const Numpy& find_numpy() {
     found->ascontiguousarray = contiguous.ptr();
     found->float64 = float64.ptr();
     found->int64 = int64.ptr();
-    // Another thread may have been here meanwhile; it found the same.
+    // Another thread may have set it meanwhile, to equal values.
     const Numpy* known = nullptr;
     if (!g_numpy.compare_exchange_strong(known, found.get())) {
         return *known;
@@ -94,7 +94,7 @@ ArrayFields& fields_of(nb::handle array) {
     return *reinterpret_cast<ArrayFields*>(array.ptr());
 }
 
-/// Null where it is not one of just so many axes and that type, with these flags too.
+/// Null unless it is an array with exactly this number of axes, this type, and these flags.
 const ArrayFields* plain_fields(nb::handle object, std::size_t axes, PyObject* Numpy::*dtype,
                                 int flags) {
     const Numpy& known = numpy();

@@ -8,8 +8,8 @@
 namespace tfdb::python {
 namespace {
 
-/// Nothing where the slot was reused since.
-nb::object name_of_frame(const Reads& reads, FrameHandle frame) {
+/// Empty if the slot was reused since.
+nb::object name_of_frame(const StoreReader& reads, FrameHandle frame) {
     const std::string name = reads.frame_name(frame.id, frame.generation);
     if (!reads.is_current(frame)) {
         return {};

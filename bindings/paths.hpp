@@ -14,17 +14,17 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// The tuple (child, parent, child, parent, ...) of the edges of an answer, which keeps its report
-/// right when frames are gone and the store is freed. Answers over the same path share it.
-/// Threads: the holder of the GIL; without one, any, and nothing is shared.
-/// Guarantee: the names are those that the frames had in the state of the answer.
+/// The tuple (child, parent, child, parent, ...) of an answer's edges. It keeps the answer's report
+/// correct after frames are removed and the store is freed. Answers over the same path share it.
+/// Threads: the holder of the GIL; without a GIL, any, and nothing is shared.
+/// Guarantee: the names are the frames' names in the state of the answer.
 class PathNames {
 public:
     PathNames() = default;
     PathNames(const PathNames&) = delete;
     PathNames& operator=(const PathNames&) = delete;
 
-    /// The tuple if it is known; it stays this object's.
+    /// The tuple if it is cached; a borrowed reference.
     [[nodiscard]] PyObject* find(std::span<const EdgeUse> edges) const {
 #ifdef Py_GIL_DISABLED
         static_cast<void>(edges);
@@ -38,9 +38,9 @@ public:
         return same ? entry.names.ptr() : nullptr;
 #endif
     }
-    /// Makes it, and remembers it. Nothing where a slot of a frame was reused since: look up again.
-    /// May run Python code; `edges` must not be what another lookup writes to.
-    [[nodiscard]] nb::object make(const Reads& reads, std::span<const EdgeUse> edges);
+    /// Creates and caches it. Empty if a frame's slot was reused since: look up again. May run
+    /// Python code; other lookups must not write to `edges`.
+    [[nodiscard]] nb::object make(const StoreReader& reads, std::span<const EdgeUse> edges);
 
 private:
     struct Frames {

@@ -1,4 +1,4 @@
-// tfdb.types.Policy: the base of the policies, read without a call into Python.
+// tfdb.types.Policy: the base of the policies, readable without a call into Python.
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>

@@ -90,7 +90,7 @@ bool read_fields(PyObject* object, std::array<double, N>& out) {
     return true;
 }
 
-/// x, y, z, w of a Rotation of scipy, or of what behaves like it; nothing: it is something else.
+/// x, y, z, w of a scipy Rotation or a similar object; empty for other objects.
 nb::object as_quat(PyObject* object) {
     const nb::object method = find(object, g_fields.as_quat);
     if (!method.is_valid()) {
@@ -99,7 +99,7 @@ nb::object as_quat(PyObject* object) {
     PyObject* const made = PyObject_CallNoArgs(method.ptr());
     if (made == nullptr) {
         forget_error();
-        return nb::none();  // refused as what it is
+        return nb::none();  // refused by its actual type
     }
     return nb::steal(made);
 }
@@ -111,7 +111,7 @@ std::array<double, N> numbers_of(PyObject* object, const char* role) {
     if (PyTuple_CheckExact(object)) {
         read = read_tuple<N>(object, out);
     } else if (PyList_CheckExact(object)) {
-        // __float__ of an item may change the list: read from a copy of its items.
+        // An item's __float__ may change the list, so a copy of its items is read.
         const nb::object items = nb::steal(PyList_AsTuple(object));
         read = items.is_valid() && read_tuple<N>(items.ptr(), out);
     } else if (PyObject_CheckBuffer(object) != 0) {
@@ -170,7 +170,7 @@ Pose rigid_pose(const double* rows, std::optional<std::size_t> index) {
                  {"index", index ? nb::object(nb::int_(*index)) : nb::none()}});
 }
 
-/// The lengths of an array's axes, up to two; of nested lists what their first members tell.
+/// The lengths of an array's axes, up to two; for nested lists, according to their first members.
 std::pair<Py_ssize_t, Py_ssize_t> shape_of(PyObject* object) {
     constexpr std::pair<Py_ssize_t, Py_ssize_t> kNone{-1, -1};
     if (PyTuple_CheckExact(object) || PyList_CheckExact(object)) {
@@ -196,7 +196,7 @@ std::pair<Py_ssize_t, Py_ssize_t> shape_of(PyObject* object) {
             view->dimensions() == 1 ? 0 : static_cast<Py_ssize_t>(view->extent(1))};
 }
 
-/// Throws InvalidArgument where a pose that names its frames goes between others than were given.
+/// Throws InvalidArgument if a pose's own frames differ from the given ones.
 void check_frames(const PoseArguments& given, PyObject* target, PyObject* source,
                   const char* remedy) {
     const auto same = [](PyObject* a, PyObject* b) {
@@ -222,7 +222,7 @@ Pose pose_of_transform(const PoseArguments& given) {
     return whole.pose;
 }
 
-/// What holds a translation and a rotation at once; nothing: it is something else.
+/// The pose of an object that holds translation and rotation; empty for other objects.
 std::optional<Pose> whole_pose_of(const PoseArguments& given) {
     PyObject* const object = given.translation;
     if (is_transform(object)) {
@@ -260,7 +260,7 @@ geometry::Quat rotation_of(const PoseArguments& given) {
         return geometry::quaternion_of_rpy(vector_of(given.rpy, "rpy"));
     }
     if (is_given(given.wxyz)) {
-        // What names its parts, or has them in another order, is not an argument for this one.
+        // An object with named or differently ordered parts is no valid value for this argument.
         if (PySequence_Check(given.wxyz) == 0 || find(given.wxyz, g_fields.as_quat).is_valid()) {
             refuse<4>(given.wxyz, "wxyz");
         }

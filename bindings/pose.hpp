@@ -23,7 +23,7 @@ struct PoseArguments {
     PyObject* rotation;
     PyObject* rpy = nullptr;
     PyObject* wxyz = nullptr;
-    PyObject* target = nullptr;  // of the edge, to compare with those of a Transform
+    PyObject* target = nullptr;  // of the edge, for a comparison with a Transform's frames
     PyObject* source = nullptr;
 
     [[nodiscard]] bool plain() const {
@@ -31,7 +31,7 @@ struct PoseArguments {
     }
 };
 
-/// What is not plain: a rotation in another form or none, or all of the pose in `translation`.
+/// The less common forms: a rotation in another form or none, or the whole pose in `translation`.
 geometry::Pose other_pose_of(const PoseArguments& given);
 
 /// Throws InvalidArray, InvalidTransform, InvalidArgument.
@@ -46,12 +46,13 @@ inline geometry::Pose pose_of(const PoseArguments& given) {
 /// Throws InvalidArray, InvalidTransform.
 geometry::Pose pose_of_matrix(PyObject* matrix);
 
-/// ((x, y, z), (x, y, z, w)) where a rotation is given, or a whole pose; else None.
+/// ((x, y, z), (x, y, z, w)) if a rotation or a whole pose is given; otherwise None.
 /// Throws InvalidArray, InvalidTransform, InvalidArgument.
 nb::object pose_parts(nb::handle parent, nb::handle child, nb::handle translation, nb::handle rpy,
                       nb::handle wxyz);
 
-/// (N, 7) of (N, 4, 4), NaN of NaN if they may be missing. Throws InvalidArray, InvalidTransform
+/// (N, 7) from (N, 4, 4); NaN stays NaN if poses may be missing. Throws InvalidArray,
+/// InvalidTransform
 /// with `index`.
 nb::object poses_of_matrices(nb::handle matrices, bool missing);
 

@@ -224,8 +224,8 @@ void close(nb::handle self) {
     enter_closed_state(object_of<SnapshotObject>(self));
 }
 
-// A buffer's clock may refer to what holds its snapshots: let the garbage collector see the way.
-// The buffer gives up its clock, so there is nothing to clear in a snapshot.
+// A buffer's clock may refer to objects that hold its snapshots: this shows the garbage collector
+// the reference. The buffer clears its clock, so a snapshot has nothing to clear.
 int traverse_snapshot(PyObject* self, visitproc visit, void* arg) {
     Py_VISIT(Py_TYPE(self));
     if (nb::inst_ready(self)) {
@@ -347,8 +347,8 @@ Pinned pin(nb::handle self, const ReadsObject& object) {
     return {object.held, *object.reads, *object.waits};
 }
 
-void check_not_in_transaction(const ReadsObject& object) {
-    // A snapshot says which state it is of.
+void check_not_in_transaction(const StoreReaderObject& object) {
+    // Reads of a snapshot have a defined state, even inside a transaction.
     if (object.waits->transactions() && object.held == nullptr) {
         nb::inst_ptr<BufferObject>(object.buffer)->store.check_not_in_transaction();
     }

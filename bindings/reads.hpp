@@ -1,4 +1,4 @@
-// The Python objects Buffer and Snapshot, and what they share: everything that reads.
+// The Python objects Buffer and Snapshot, and their common reads.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -20,10 +20,10 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// What a call on a store has to mind, in one word. Reasons to wait: why it may have to wait for a
-/// thread that needs the GIL to go on (its engine holds locks across Python code, or a transaction
-/// is open that runs alone); where there is none, quick calls keep the GIL. And how many
-/// transactions are open, one of which may be the calling thread's.
+/// Conditions for a call on a store, in one word. The first part counts reasons to wait: the call
+/// may wait for a thread that needs the GIL, because its engine holds locks across Python code or
+/// an open transaction runs alone. Without such reasons quick calls keep the GIL. The second part
+/// counts open transactions, one of which may be the calling thread's.
 /// Threads: any. Guarantee: wait-free.
 class Reasons {
 public:
@@ -40,22 +40,24 @@ private:
     std::atomic<std::uint64_t> word_{0};
 };
 
-/// What is behind the Python class Reads. Threads: the holder of the GIL; without one, any.
+/// The object behind the Python class StoreReader. Threads: the holder of the GIL; without a GIL,
+/// any.
 /// Guarantee: `reads` is null once it is closed, and nothing is read after that.
 struct ReadsObject {
     const Reads* reads = nullptr;
     const Reasons* waits = nullptr;  // of the buffer
     NameCache* names = nullptr;      // of the buffer
     PathNames* paths = nullptr;      // of the buffer
-    PyObject* buffer = nullptr;  // the Buffer object, borrowed: itself, or what a snapshot holds
+    // the Buffer object, borrowed: itself, or the one that a snapshot holds
+    PyObject* buffer = nullptr;
     CommitNumber closed_commit = 0;
     std::shared_ptr<Snapshot> held;  // of a snapshot
 };
 
 [[noreturn]] void throw_closed(const ReadsObject& object);
 
-/// Which refused edges a warning has named, each once for each error. Forgets them all where they
-/// become too many, as names out of damaged messages do.
+/// The refused edges that a warning has named, once per error. It forgets all of them if they
+/// become too many, as with names from damaged messages.
 /// Threads: one at a time. Guarantee: bounded memory.
 class WarnedEdges {
 public:
@@ -79,7 +81,7 @@ struct BufferObject : ReadsObject {
         }
     }
 
-    /// For what changes it, or waits. Throws BufferClosed.
+    /// For calls that change it, or wait. Throws BufferClosed.
     [[nodiscard]] Buffer& open_store() {
         if (closed.load(std::memory_order_relaxed)) [[unlikely]] {
             throw_closed(*this);
@@ -89,7 +91,7 @@ struct BufferObject : ReadsObject {
 
     Buffer store;
     std::atomic<bool> closed{false};
-    std::atomic<bool> told{false};  // waits were begun: see `_set_told`
+    std::atomic<bool> waits_begun{false};  // see `_set_waits_begun`
     Reasons reasons;
     NameCache own_names;
     PathNames own_paths;
@@ -112,11 +114,11 @@ struct SnapshotObject : ReadsObject {
 /// The Python object of a snapshot; `buffer` is the Buffer object.
 nb::object snapshot_object(nb::handle buffer, Snapshot&& taken);
 
-/// Of a lookup through a fixed frame; a stamp that is None is the latest common one.
+/// For a lookup through a fixed frame; None as a stamp is the latest common time.
 Question question_through(nb::handle fixed, nb::handle target, nb::handle target_stamp,
                           nb::handle source, nb::handle source_stamp, nb::handle policy);
 
-/// Without the GIL for its lifetime, if so asked.
+/// Releases the GIL during its lifetime, if requested.
 class Released {
 public:
     explicit Released(bool release) {
@@ -129,12 +131,12 @@ private:
     std::optional<nb::gil_scoped_release> released_;
 };
 
-/// Long work, without the GIL if so asked, that a signal may end: in the main thread Python's
-/// handlers run every few milliseconds, and what they raise (KeyboardInterrupt) is thrown.
+/// Long work, without the GIL if requested, that a signal may end. In the main thread Python's
+/// signal handlers run every few milliseconds; their errors (KeyboardInterrupt) are thrown.
 // NOLINTNEXTLINE(cppcoreguidelines-virtual-class-destructor): final, and on the stack only
 class LongWork final : public Interruption {
 public:
-    /// `between`: the calls of `ask` that come within so long are passed over.
+    /// `between`: calls of `ask` within this time after the last one do nothing.
     explicit LongWork(bool release, std::chrono::milliseconds between = kBetween);
     ~LongWork();
     LongWork(const LongWork&) = delete;
@@ -147,7 +149,7 @@ private:
     static constexpr std::chrono::milliseconds kBetween{5};
 
     Interruption* before_;
-    PyThreadState* state_ = nullptr;  // of the GIL that was given up
+    PyThreadState* state_ = nullptr;  // of the released GIL
     bool release_;
     std::chrono::milliseconds between_;
     Clock::time_point next_;
@@ -163,8 +165,8 @@ private:
     LongWork work_;
 };
 
-/// The reads of an open object. The pointer keeps a snapshot readable for calls that release the
-/// GIL (or have none), though another thread closes it.
+/// The reads of an open object. The pointer keeps a snapshot readable for calls without the GIL,
+/// even if another thread closes it.
 struct Pinned {
     std::shared_ptr<Snapshot> keep;
     const Reads& reads;
@@ -172,29 +174,30 @@ struct Pinned {
 
     /// Whether the next call must not keep the GIL.
     [[nodiscard]] bool may_wait() const { return waits.to_wait(); }
-    /// What `question(reads)` answers; asked without the GIL if it may have to wait.
+    /// Returns the result of `question(reads)`; releases the GIL if it may have to wait.
     template <class Question>
     auto ask(Question&& question) const {
         const LongWork work(may_wait());
         return question(reads);
     }
-    /// The same for what takes long on a large store: always asked without the GIL.
+    /// The same for calls that take long on a large store: always without the GIL.
     template <class Question>
     auto ask_long(Question&& question) const {
         const LongWork work(true);
         return question(reads);
     }
 };
-/// Throws SnapshotClosed; TransactionActive where a buffer is read by a thread amid a transaction.
-Pinned pin(nb::handle self, const ReadsObject& object);
+/// Throws SnapshotClosed; TransactionActive if a thread reads a buffer during its transaction.
+Pinned pin(nb::handle self, const StoreReaderObject& object);
 
-/// Throws TransactionActive where the object is a buffer of which this thread has one open.
-void check_not_in_transaction(const ReadsObject& object);
+/// Throws TransactionActive if the object is a buffer and this thread has an open transaction of
+/// it.
+void check_not_in_transaction(const StoreReaderObject& object);
 
-/// Throws TypeError: `self` is not an `expected`, or, where that is null, its __init__ never ran.
+/// Throws TypeError: `self` is not an `expected`, or, if that is null, its __init__ never ran.
 [[noreturn]] void throw_not_made(nb::handle self, const char* expected);
 
-/// The class that `tfdb` offers for these objects: Python's subclass where it has one.
+/// The class of `tfdb` for these objects: the Python subclass if there is one.
 template <class Object>
 inline nb::handle g_offered;  // null: none was adopted
 
@@ -224,8 +227,8 @@ Object& object_of(nb::handle self) {
     return *nb::inst_ptr<Object>(self);
 }
 
-/// The same where the caller knows the class, as in methods that Python has checked.
-inline ReadsObject& made_reads(PyObject* self) {
+/// The same for callers that know the class, such as methods whose `self` Python has checked.
+inline StoreReaderObject& made_reads(PyObject* self) {
     if (!nb::inst_ready(self)) {
         throw_not_made(self, nullptr);
     }
@@ -234,8 +237,8 @@ inline ReadsObject& made_reads(PyObject* self) {
 
 void bind_signals();
 void bind_reads(nb::module_& module);
-/// The methods that bypass nanobind: of Reads, of Buffer, of Transaction. They are on the classes
-/// that `tfdb` offers as well, which makes calls faster.
+/// The methods that bypass nanobind: of StoreReader, of Buffer, of Transaction. The classes of
+/// `tfdb` get them directly, which makes calls faster.
 void add_raw_reads(nb::handle type);
 void add_raw_batch(nb::handle type);
 void add_raw_waits(nb::handle type);
@@ -244,15 +247,15 @@ void add_raw_transaction_writes(nb::handle type);
 void bind_batch(nb::class_<ReadsObject>& type);
 void bind_records(nb::class_<ReadsObject>& type);
 void bind_buffer(nb::module_& module);
-void bind_changes(nb::class_<BufferObject, ReadsObject>& type);
-void bind_commits(nb::class_<BufferObject, ReadsObject>& type);
-void bind_state_bytes(nb::class_<SnapshotObject, ReadsObject>& type);
-void bind_clock(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
-void bind_watch(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
-void bind_waits(nb::class_<BufferObject, ReadsObject>& type);
-/// `adopt_classes`, and functions that modules in Python use.
+void bind_changes(nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_state_bytes(nb::class_<SnapshotObject, StoreReaderObject>& type);
+void bind_clock(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_watch(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_waits(nb::class_<BufferObject, StoreReaderObject>& type);
+/// `adopt_classes`, and functions for Python modules.
 void bind_helpers(nb::module_& module);
-/// What streams read.
+/// Functions for streams.
 void bind_sample_rows(nb::module_& module);
 void bind_policy(nb::module_& module);
 void bind_adaptive(nb::module_& module);

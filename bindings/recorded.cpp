@@ -14,8 +14,8 @@ namespace {
 
 using Records = wire::McapRecords;
 
-// Above what any allocator takes from its heap: a block goes back to the system when it is
-// released, whatever was allocated meanwhile. Pages of it that are not used take no memory.
+// Larger than any block that allocators take from their heap: it returns to the system when it is
+// released, whatever else was allocated. Its unused pages take no memory.
 constexpr std::size_t kBlock = std::size_t{64} << 20;
 
 std::span<const std::byte> bytes_of(const nb::bytes& object) {
@@ -51,7 +51,7 @@ nb::bytes copy_of(std::span<const std::byte> bytes) {
     return nb::bytes(bytes.data(), bytes.size());
 }
 
-/// Asks about each channel once, until something is learned.
+/// Calls `wanted` once per channel, until `learn` is called.
 class Wanted {
 public:
     explicit Wanted(const nb::callable& ask) : ask_(ask) {}
@@ -70,7 +70,7 @@ private:
     std::map<std::uint16_t, bool> answers_;
 };
 
-/// The wanted messages of a chunk, and their bytes together.
+/// The wanted messages of a chunk, and their total size.
 class Found {
 public:
     void add(const Records& record) {
@@ -79,7 +79,7 @@ public:
                             static_cast<std::uint32_t>(payload.size()), record.channel()});
         bytes += payload.size();
     }
-    /// Copies the bytes, so that the chunk may go.
+    /// Copies the bytes, so that the chunk can be freed.
     std::unique_ptr<std::byte[]> copy() {
         auto copied = std::make_unique_for_overwrite<std::byte[]>(bytes);
         std::byte* to = copied.get();
@@ -115,7 +115,7 @@ nb::object Recorded::add_mcap_chunk(nb::handle given, const nb::callable& wanted
     Found found;
     Records records(chunk.bytes);
     const auto keep = [&] {
-        // A chunk that holds mostly other things is not worth its memory.
+        // A chunk with mostly other data is not worth its memory.
         if (found.bytes < chunk.bytes.size() / 2) {
             copied_.push_back(found.copy());
         } else {

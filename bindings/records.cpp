@@ -1,4 +1,4 @@
-// Frames, samples and figures of the store as Python dataclasses.
+// Frames, samples and statistics of the store as Python dataclasses.
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -37,7 +37,7 @@ nb::object column_of(const std::vector<TreeColumns::Row>& rows, NewArray<T> made
     return std::move(made.array);
 }
 
-/// Of each row a new reference to one of the names, or to None.
+/// For each row, a new reference to one of the names, or to None.
 nb::object name_column(const std::vector<TreeColumns::Row>& rows, const nb::tuple& names,
                        std::uint32_t TreeColumns::Row::*place) {
     nb::object made = nb::steal(PyTuple_New(static_cast<Py_ssize_t>(rows.size())));
@@ -86,8 +86,8 @@ nb::object parent_of(nb::handle self, nb::handle name, nb::handle when) {
         pinned.ask([&](const Reads& reads) { return reads.parent_of(bytes, stamp); }));
 }
 
-/// None: the walks meet, or a frame is missing. Else the edge (None: both end at roots), the stamp,
-/// the edge's data.
+/// None: the walks meet, or a frame is missing. Otherwise the edge (None: both end at roots), the
+/// stamp, the edge's data.
 nb::object reach(nb::handle self, nb::handle target, nb::handle source, nb::handle when) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
@@ -131,7 +131,7 @@ nb::object tree_columns(nb::handle self, nb::handle when) {
         pinned.ask_long([&](const Reads& reads) { return reads.tree_columns(stamp); }));
 }
 
-/// Without records: their types take longer to import than a command to answer.
+/// Without records: importing their types takes longer than answering a command.
 nb::object span(nb::handle self) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const TreeColumns all =

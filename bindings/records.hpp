@@ -1,4 +1,4 @@
-// Dataclasses of tfdb.types, made from the core's structs.
+// Creates the dataclasses of tfdb.types from the core's structs.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -18,9 +18,9 @@ nb::object record_type(const char* name);
 nb::object frame_info_record(const FrameInfo& info);
 nb::list frame_info_records(const std::vector<FrameInfo>& infos);
 nb::object tree_columns_record(const TreeColumns& columns);
-/// Names in a row that are the same become one object.
+/// Consecutive equal names become one object.
 nb::list name_list(const std::vector<std::string>& names);
-/// (stamps, poses, names of parents).
+/// (stamps, poses, parents' names).
 nb::tuple samples_record(const Samples& found);
 nb::object twist_record(const Twist& twist);
 nb::object stamp_array(const std::vector<StampNs>& stamps);

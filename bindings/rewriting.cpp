@@ -1,4 +1,4 @@
-// Recorded messages into another recording.
+// Rewriting of recorded messages into another recording.
 #include "rewriting.hpp"
 
 #include <nanobind/stl/string.h>
@@ -21,7 +21,7 @@ namespace {
 
 using wire::MessageChunk;
 
-/// By source. The names of publishers are valid as long as the dict.
+/// Origins by source. The publishers' names are valid as long as the dict.
 std::map<std::uint32_t, MessageRewriter::Origin> origins_of(const nb::dict& given,
                                                             wire::Encoding encoding,
                                                             bool is_static) {
@@ -77,7 +77,7 @@ MessageChunk::Format format_of(nb::handle name) {
     throw_not_one_of("format", {"mcap", "bag"}, name);
 }
 
-/// Adds messages until the chunk is larger than `size`. Returns where to go on.
+/// Adds messages until the chunk is larger than `size`. Returns the index of the next message.
 std::size_t fill(MessageChunk& self, const Recorded& messages, std::size_t first,
                  std::size_t size) {
     for (const RecordedMessage& message : messages.between(first, messages.size())) {

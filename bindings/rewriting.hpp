@@ -1,4 +1,4 @@
-// Recorded messages into another recording.
+// Rewriting of recorded messages into another recording.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -1,4 +1,4 @@
-// Samples of commits as the rows of one table, and as records: what streams read and give.
+// Samples of commits as rows of one table and as records: for streams.
 #include <array>
 #include <cstddef>
 #include <cstring>
@@ -16,7 +16,7 @@
 #include "tfdb/wire/commit_sample.hpp"
 #include "transform.hpp"
 
-// Behind Python.h, which it lacks.
+// After Python.h, on which it depends.
 #include <structmember.h>
 
 namespace tfdb::python {
@@ -31,7 +31,7 @@ nb::list names_of(const std::vector<std::string_view>& names) {
     return made;
 }
 
-/// The rows in the order of commits: of each the moving edges, then the static ones.
+/// The rows in commit order: for each commit the moving edges, then the static ones.
 class RowTable {
 public:
     explicit RowTable(const CommitSample& sample)
@@ -52,7 +52,7 @@ public:
             }
         }
     }
-    /// (row, commit, frames): the commit cleared or removed them before that row.
+    /// (row, commit, frames): before that row, the commit cleared or removed the frames.
     [[nodiscard]] const nb::list& resets() const { return resets_; }
     [[nodiscard]] nb::tuple columns() const {
         return nb::make_tuple(parents_, children_, stamps_.array, poses_.array, statics_.array,
@@ -115,8 +115,8 @@ nb::object checked(PyObject* made) {
     return nb::steal(made);
 }
 
-/// The columns that `rows_of_commits` returned: each row becomes a Sample.
-/// Threads: the holder of the GIL; without one, any. Guarantee: none of it changes.
+/// The columns returned by `rows_of_commits`: each row becomes a Sample.
+/// Threads: the holder of the GIL; without a GIL, any. Guarantee: immutable.
 class SampleRows {
 public:
     /// Throws InvalidArgument.
@@ -148,7 +148,7 @@ public:
         const nb::object members = checked(
             PyTuple_Pack(4, transform.ptr(), at.ptr(), number.ptr(), item(authorities_, row)));
         const nb::object arguments = checked(PyTuple_Pack(1, members.ptr()));
-        // As tuples are made: without the arguments of the class's own `__new__`.
+        // Created as tuples are: without the arguments of the class's own `__new__`.
         return checked(
             make_(reinterpret_cast<PyTypeObject*>(type_.ptr()), arguments.ptr(), nullptr));
     }
@@ -184,13 +184,13 @@ private:
     newfunc make_;
 };
 
-/// The native part of a Stream, whose methods in Python read and write the members under the lock.
-/// Threads: any, with the GIL where there is one. Guarantee: `__next__` takes no row while another
+/// The native part of a Stream, whose Python methods access the members under the lock.
+/// Threads: any, with the GIL if there is one. Guarantee: `__next__` takes no row while another
 /// thread has the lock.
 struct StreamRowsObject {
     PyObject_HEAD PyObject* lock;
     std::shared_ptr<const SampleRows> rows;  // null: none were read
-    Py_ssize_t next;                         // the row that is read next
+    Py_ssize_t next;                         // the next row
     char has_read;
     char ended;
 };
@@ -206,7 +206,7 @@ PyObject* g_next_slowly = nullptr;
 
 #ifdef Py_GIL_DISABLED
 
-/// A lock of Python's for its lifetime, unless another thread has it.
+/// Holds a Python lock during its lifetime, unless another thread has it.
 /// Threads: one. Guarantee: waits for nothing.
 class Turn {
 public:
@@ -232,7 +232,7 @@ private:
 
 #else
 
-/// Whether no thread has a lock of Python's: none takes it while the caller keeps the GIL.
+/// Whether a Python lock is free: no thread takes it while the caller keeps the GIL.
 /// Threads: the holder of the GIL. Guarantee: waits for nothing.
 class Turn {
 public:
@@ -271,7 +271,7 @@ PyObject* set_rows(PyObject* self, PyObject* const* args, Py_ssize_t count) {
     return guarded([&]() -> PyObject* {
         if (count != 7)
             throw nb::type_error("_set_rows takes the seven columns of rows_of_commits");
-        // Those before go last: their end may run any code.
+        // The old rows are released last: that may run any code.
         auto rows = std::make_shared<const SampleRows>(args[0], args[1], args[2], args[3], args[4],
                                                        args[5], args[6]);
         stream_of(self).rows.swap(rows);

@@ -14,8 +14,8 @@
 namespace tfdb::python {
 namespace {
 
-/// The text of a name. Bytes that are not UTF-8 become lone surrogates, which `bytes_of` takes
-/// back: the store refuses such names.
+/// The text of a name. Bytes that are not UTF-8 become lone surrogates, which `bytes_of` converts
+/// back; the store refuses such names.
 nb::object text_of(std::string_view name) {
     nb::object text = nb::steal(
         PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), "surrogateescape"));

@@ -1,4 +1,4 @@
-// What a load keeps of recorded messages, chosen by a Python function.
+// The selection of recorded messages' transforms, by a Python function.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -15,12 +15,12 @@ namespace nb = nanobind;
 namespace tfdb::python {
 
 /// A selection, or null, and the rule of each source.
-/// Threads: the holder of the GIL; one uses it. The arguments of the constructor outlive it.
+/// Threads: the holder of the GIL; one uses it. The constructor's arguments outlive it.
 class SelectedSources {
 public:
     SelectedSources(nb::handle selection, const nb::dict& rules);
 
-    /// Leaves in a message what is kept of it.
+    /// Keeps only the selected members of a message.
     void apply(std::uint32_t source, bool is_static, std::vector<wire::TransformView>& members) {
         if (selection_ == nullptr)
             return;

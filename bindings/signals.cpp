@@ -1,4 +1,4 @@
-// Signals amid long calls.
+// Signals during long calls.
 #include "errors.hpp"
 #include "reads.hpp"
 
@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::size_t kStepsBetween = 256;
 
-/// Python runs its handlers in this thread only.
+/// Python runs signal handlers only in this thread.
 unsigned long g_main_thread = 0;
 
 }  // namespace

@@ -9,10 +9,10 @@
 namespace tfdb::python {
 namespace {
 
-/// A function of nanobind or Python with a signature, called as the wrapped one. A call that does
-/// not fit its parameters raises an error in our words.
+/// Wraps a function of nanobind or Python and adds a signature. A call that does not match its
+/// parameters raises an error with tfdb's own message.
 struct MethodObject {
-    PyObject_HEAD PyObject* made;  // kept for ever, as its class or module is
+    PyObject_HEAD PyObject* made;  // immortal, like its class or module
     vectorcallfunc call;
     PyObject* weak;
 };
@@ -23,7 +23,7 @@ MethodObject& as_method(PyObject* object) {
     return *reinterpret_cast<MethodObject*>(object);
 }
 
-/// Why the call fits no parameters; none where it does.
+/// Why the call does not match the parameters; none if it does.
 nb::object misfit(PyObject* made, PyObject* const* args, std::size_t count, PyObject* keywords,
                   nb::handle said) {
     const nb::object names =
@@ -36,10 +36,10 @@ nb::object misfit(PyObject* made, PyObject* const* args, std::size_t count, PyOb
     return describe(nb::handle(made), nb::tuple(given), names, nb::str(said));
 }
 
-/// Rewords a TypeError about the arguments. One with a traceback came from within
-/// the function, and stays as it is.
+/// Rewords a TypeError about the arguments. An error with a traceback came from inside the
+/// function, and stays unchanged.
 void reword(PyObject* made, PyObject* const* args, std::size_t count, PyObject* keywords) {
-    nb::python_error raised;  // it takes what is set
+    nb::python_error raised;  // it takes the current error
     if (!raised.traceback().is_valid()) {
         try {
             const nb::object text = misfit(made, args, count, keywords, raised.value());
@@ -83,7 +83,7 @@ PyObject* get_signature(PyObject* self, void* /*closure*/) {
 PyObject* get_doc(PyObject* self, void* /*closure*/) {
     return guarded([&] {
         const nb::handle made = as_method(self).made;
-        // nanobind's own begins with the signature.
+        // nanobind's own docstring begins with the signature.
         const nb::object written = nb::getattr(made, "__nb_signature__", nb::none());
         nb::object text = made.attr("__doc__");
         if (!written.is_none()) {
@@ -101,7 +101,7 @@ PyObject* get_same(PyObject* self, void* name) {
     return PyObject_GetAttrString(as_method(self).made, static_cast<const char*>(name));
 }
 
-/// Everything else that is known of the function: its annotations, code, marks.
+/// All other attributes of the function: annotations, code, marks.
 PyObject* get_attribute(PyObject* self, PyObject* name) {
     PyObject* const found = PyObject_GenericGetAttr(self, name);
     if (found != nullptr || PyErr_ExceptionMatches(PyExc_AttributeError) == 0) {
@@ -111,7 +111,7 @@ PyObject* get_attribute(PyObject* self, PyObject* name) {
     return PyObject_GetAttr(as_method(self).made, name);
 }
 
-/// It is pickled by its name.
+/// Pickled by name.
 PyObject* reduce(PyObject* self, PyObject* /*unused*/) {
     return PyObject_GetAttrString(as_method(self).made, "__qualname__");
 }

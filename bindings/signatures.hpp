@@ -1,4 +1,4 @@
-// Signatures of the classes and methods that nanobind makes.
+// Signatures of the classes and methods created by nanobind.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -10,15 +10,15 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// Gives the methods of the classes that `tfdb` offers a `__signature__`, and a docstring without
-/// one, both from what their bindings say, of which the stub is made too.
+/// Adds a `__signature__` to the methods of the classes of `tfdb`, and a docstring without one.
+/// Both come from the bindings' texts, which the stub uses as well.
 void add_signatures(nb::module_& module);
 
-/// The function as its class or module offers it: a call that does not fit its parameters raises
-/// TypeError in our words.
+/// The function for its class or module: a call that does not match its parameters raises TypeError
+/// with tfdb's own message.
 nb::object checked_function(nb::handle made);
 
-/// Refuses calls of a class without a constructor; `how` names the calls that return its objects.
+/// Refuses construction of a class; `how` names the calls that return its objects.
 template <class Object, class Class>
 void refuse_construction(Class& type, const char* how) {
     type.def(
@@ -29,7 +29,7 @@ void refuse_construction(Class& type, const char* how) {
         nb::sig("def __init__(self) -> None"));
 }
 
-/// A class that `tfdb` offers, with `tfdb` as its module.
+/// A class offered by `tfdb`, with `tfdb` as its module.
 template <class Class, class... Rest>
 Class offered_class(nb::module_& module, const char* name, const char* doc, Rest&&... rest) {
     const nb::object own = module.attr("__name__");
@@ -39,7 +39,7 @@ Class offered_class(nb::module_& module, const char* name, const char* doc, Rest
     return made;
 }
 
-/// The native base of a class of Python that `tfdb` offers: its methods say that they are of that.
+/// The native base of a Python class offered by `tfdb`: its methods name that class.
 template <class Class, class... Rest>
 Class native_class(nb::module_& module, const std::string& offered, Rest&&... rest) {
     const std::string name = "Native" + offered;

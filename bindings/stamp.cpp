@@ -13,7 +13,7 @@ constexpr const char* kValid =
     "nanosec, a numpy.datetime64 or a datetime with a time zone; tfdb.stamp() converts seconds and "
     "text";
 
-/// `shown`: what stands for it in the message.
+/// `shown`: the object as shown in the message.
 [[noreturn]] void refuse(PyObject* object, const std::string& problem, PyObject* shown) {
     throw_error("InvalidStamp", "stamp " + short_repr(shown) + " is " + problem + ": " + kValid,
                 {{"value", nb::borrow(object)}, {"reason", nb::str(problem.c_str())}});
@@ -23,7 +23,7 @@ constexpr const char* kValid =
     refuse(object, problem, object);
 }
 
-/// Integers of all types look alike.
+/// Reads integers of all types in the same way.
 StampNs from_integer(PyObject* object, PyObject* integer) {
     PyObject* const shown = PyIndex_Check(object) ? integer : object;
     int overflow = 0;
@@ -78,7 +78,7 @@ bool is_datetime64(PyObject* object) {
 StampNs from_datetime64(PyObject* object) {
     const nb::object value = nb::borrow(object);
     const nb::object fine = value.attr("astype")("datetime64[ns]");
-    // numpy wraps around silently where a date does not fit into 64 bits of nanoseconds.
+    // numpy wraps around silently if a date does not fit into 64 bits of nanoseconds.
     if (!nb::object(fine.attr("astype")(value.attr("dtype"))).equal(value)) {
         refuse(object, "not a time, or beyond the range of nanoseconds");
     }
@@ -118,7 +118,7 @@ std::optional<StampNs> from_whole(PyObject* object) {
     return std::nullopt;
 }
 
-/// A plain int of at most so much, either way.
+/// A plain int with an absolute value of at most `most`.
 bool plain_int(PyObject* object, std::int64_t most, std::int64_t& out) {
     if (object == nullptr || !PyLong_CheckExact(object)) {
         return false;
@@ -162,7 +162,7 @@ std::optional<std::int64_t> plain_nanoseconds(PyObject* object) {
         return found;
     }
     const nb::object whole = find(object, g_fields.nanoseconds);
-    // Of a datetime.timedelta they are only the last digits, if it has them at all.
+    // A datetime.timedelta's attributes hold only the last digits, if it has them at all.
     if (plain_int(whole.ptr(), kMost, value) && !find(object, g_fields.total_seconds).is_valid()) {
         return value;
     }

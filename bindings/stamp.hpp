@@ -15,14 +15,14 @@ namespace tfdb::python {
 
 using clock::StampNs;
 
-/// What is not an int from 0 to kMaxStamp: numpy integers, datetime64, messages with sec and
-/// nanosec, and everything that is refused with InvalidStamp.
+/// The stamp of an object other than an int from 0 to kMaxStamp: numpy integers, datetime64,
+/// messages with sec and nanosec. All others are refused with InvalidStamp.
 StampNs stamp_of_object(PyObject* object);
 
-/// Nanoseconds of an int, or of a message or time object of ROS whose numbers are plain ints; also
-/// negative ones. Nothing: it is something else, or out of reach.
+/// Nanoseconds of an int, or of a ROS message or time object with plain ints; may be negative.
+/// Empty for other objects, or out of range.
 std::optional<std::int64_t> plain_nanoseconds(PyObject* object);
-/// The same of two plain ints; null stands for nothing.
+/// The same for two plain ints; null stands for a missing one.
 std::optional<std::int64_t> plain_nanoseconds(PyObject* seconds, PyObject* nanoseconds);
 
 /// Nanoseconds of a stamp. Throws InvalidStamp.
@@ -37,7 +37,7 @@ inline StampNs stamp_of(PyObject* object) {
     return stamp_of_object(object);
 }
 
-/// The same; None or nothing stands for the latest common time.
+/// The same; None or null stands for the latest common time.
 inline std::optional<StampNs> optional_stamp_of(PyObject* object) {
     return is_given(object) ? std::optional<StampNs>(stamp_of(object)) : std::nullopt;
 }

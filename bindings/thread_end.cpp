@@ -1,9 +1,10 @@
-// Threads that Python ends while they are in this module.
+// Threads that Python ends while they run code of this module.
 //
-// Before 3.14 a thread that wants the GIL of an interpreter that ends is made to leave with
-// pthread_exit. glibc then unwinds its stack, through frames of C++ that must not be left like
-// that: destructors would touch Python's objects without the GIL, and `noexcept` ends the process.
-// Newer versions let such a thread sleep for ever; so does this, at the first frame of ours.
+// Before Python 3.14, a thread that requests the GIL of a finalizing interpreter is ended with
+// pthread_exit. glibc then unwinds its stack, through C++ frames that must not be unwound:
+// destructors would access Python objects without the GIL, and `noexcept` ends the process. Newer
+// versions let such a thread sleep for ever. This file does the same, at the first frame of this
+// module.
 #ifdef TFDB_WRAPS_PERSONALITY
 
 #include <unistd.h>
@@ -13,12 +14,12 @@
 
 namespace tfdb::python {
 
-/// What the C++ runtime does with a frame on the way of an exception.
+/// The C++ runtime's personality routine: its decision for a frame during unwinding.
 _Unwind_Reason_Code real_personality(
     int version, _Unwind_Action actions, _Unwind_Exception_Class kind, _Unwind_Exception* exception,
     _Unwind_Context* context) __asm__("__real___gxx_personality_v0");
 
-/// All frames of this module ask this one: the linker is told to.
+/// The personality routine of all frames of this module; the linker wraps it.
 _Unwind_Reason_Code personality(int version, _Unwind_Action actions, _Unwind_Exception_Class kind,
                                 _Unwind_Exception* exception,
                                 _Unwind_Context* context) __asm__("__wrap___gxx_personality_v0");
@@ -26,7 +27,7 @@ _Unwind_Reason_Code personality(int version, _Unwind_Action actions, _Unwind_Exc
 _Unwind_Reason_Code personality(int version, _Unwind_Action actions, _Unwind_Exception_Class kind,
                                 _Unwind_Exception* exception, _Unwind_Context* context) {
     if ((actions & _UA_FORCE_UNWIND) != 0) {
-        Transaction::end_thread();  // no other thread may wait for it
+        Transaction::end_thread();  // so that no other thread waits for it
         for (;;) {
             pause();
         }

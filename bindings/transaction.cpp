@@ -23,7 +23,7 @@ namespace {
 
 using Stage = Transaction::Stage;
 
-/// An answer with the names of its edges: frames that the transaction made have no name after its
+/// An answer with the names of its edges: frames created by the transaction have no name after its
 /// end.
 struct Named {
     Answer answer;
@@ -313,7 +313,7 @@ void exit(TransactionObject& self, nb::handle kind, nb::handle, nb::handle) {
     if (!kind.is_none()) {
         self.abort();
     } else if (held.stage() == Stage::kLost) {
-        throw Conflict(*held.lost_to());  // the program went on after that
+        throw Conflict(*held.lost_to());  // the program continued after the conflict
     } else if (held.stage() != Stage::kAborted) {
         self.commit();
     }
@@ -327,7 +327,7 @@ void abort(TransactionObject& self) {
         try {
             held.check();
         } catch (const Forked&) {
-            // What was open when its process was forked ends here, too.
+            // A transaction that was open at a fork ends in the child as well.
             if (!held.is_open())
                 throw;
         }
@@ -358,7 +358,8 @@ std::string represent(const TransactionObject& self) {
     }
 }
 
-// A buffer's clock may refer to what holds its transactions: let the garbage collector see the way.
+// A buffer's clock may refer to objects that hold its transactions: this shows the garbage
+// collector the reference.
 int traverse(PyObject* self, visitproc visit, void* arg) {
     Py_VISIT(Py_TYPE(self));
     if (nb::inst_ready(self)) {

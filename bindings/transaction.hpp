@@ -1,4 +1,4 @@
-// What is behind the Python class Transaction.
+// The object behind the Python class Transaction.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -10,9 +10,9 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// One attempt at a transaction, begun by `with`. What may be done to it when is its own matter.
-/// Threads: as Transaction; it may be freed by any.
-/// Guarantee: as Transaction's. The buffer knows of it from its begin to its end.
+/// One attempt at a transaction, begun by `with`. The Transaction itself checks its stage.
+/// Threads: as Transaction; any thread may free it.
+/// Guarantee: as Transaction's. From its begin to its end it is counted in the buffer.
 class TransactionObject {
 public:
     TransactionObject(nb::handle buffer, const TransactionOptions& options);
@@ -24,7 +24,7 @@ public:
     void commit();
     void abort() noexcept;
 
-    /// What `work(transaction)` returns, and throws what it throws.
+    /// Returns the result of `work(transaction)`; passes its exceptions on.
     template <class Work>
     auto run(Work&& work) {
         transaction.check();
@@ -45,8 +45,8 @@ public:
 private:
     void forget_ended() noexcept;
 
-    bool alone_;            // it waits for no lock
-    bool counted_ = false;  // among the buffer's reasons
+    bool alone_;            // it never waits for a lock
+    bool counted_ = false;  // counted in the buffer's Reasons
 };
 
 }  // namespace tfdb::python

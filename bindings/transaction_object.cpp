@@ -1,4 +1,4 @@
-// A transaction that Python holds, as far as the GIL is concerned.
+// The Python object's use of the GIL in a transaction.
 #include <string>
 
 #include "transaction.hpp"
@@ -11,12 +11,12 @@ TransactionObject::TransactionObject(nb::handle buffer_object, const Transaction
       alone_(options.alone) {}
 
 TransactionObject::~TransactionObject() {
-    // An unreachable transaction is aborted by the thread that frees it.
+    // The thread that frees an unreachable transaction aborts it.
     abort();
 }
 
 void TransactionObject::begin() {
-    // Before it holds the lock: from now on no thread waits for it with the GIL.
+    // Called before it locks: from now on no thread waits for it with the GIL.
     if (alone_)
         buffer().reasons.add_wait();
     try {

@@ -33,7 +33,7 @@ TransformObject& as_transform(PyObject* object) {
 constexpr std::array kUsedNames = {"static",  "exact",        "interpolated", "held",
                                    "nearest", "extrapolated", "latest"};
 
-/// A report's row of each edge: (child, parent, used, before, after, inverted).
+/// A report row per edge: (child, parent, used, before, after, inverted).
 nb::tuple edge_rows(TransformObject& self) {
     nb::list rows;
     Py_ssize_t name = 0;
@@ -114,7 +114,7 @@ PyObject* get_report(PyObject* self, void* /*closure*/) {
     });
 }
 
-/// Throws InvalidName for what the store refuses, too.
+/// Throws InvalidName, as the store does.
 void check_name(PyObject* name, const char* role) {
     if (const char* fault = store::name_fault(name_of(name, role))) {
         throw_error(
@@ -124,7 +124,7 @@ void check_name(PyObject* name, const char* role) {
     }
 }
 
-/// The text itself: an object of a subclass might refer to anything. A new reference, or null.
+/// The exact str: a subclass instance could refer to other objects. A new reference, or null.
 PyObject* new_exact(PyObject* text) {
     return PyUnicode_CheckExact(text) ? Py_NewRef(text) : PyUnicode_FromObject(text);
 }
@@ -137,7 +137,7 @@ nb::object exact_text(PyObject* text) {
     return exact;
 }
 
-/// The pose of a transform that is made from Python. Throws InvalidTransform.
+/// The pose of a transform created in Python. Throws InvalidTransform.
 Pose checked(Pose pose, PyObject* target, PyObject* source, const PoseArguments& given) {
     const double norm = geometry::norm_squared(pose.rotation);
     if (!(std::abs(norm - 1.0) <= 0.01) || !geometry::is_finite(pose)) {
@@ -202,8 +202,8 @@ PyObject* get_rpy(PyObject* self, void* /*closure*/) {
     return doubles(&rpy.x, 3);
 }
 
-/// Translation, rotation, roll pitch yaw and the rows of the matrix, without numpy: its import
-/// takes longer than all else that a command does.
+/// Translation, rotation, roll pitch yaw and the rows of the matrix, without numpy, whose import
+/// takes longer than the rest of a command.
 PyObject* numbers(PyObject* self, PyObject* /*unused*/) {
     return guarded([&]() -> PyObject* {
         const auto& [t, q] = as_transform(self).pose;
@@ -263,7 +263,7 @@ void release(PyObject* freed) {
 
 #else
 
-// The memory of the one freed last: a loop mostly drops a transform before it looks up the next.
+// Memory of the last freed object: a loop mostly drops a transform before its next lookup.
 PyObject* g_spare = nullptr;
 
 TransformObject* allocate(Py_ssize_t edges) {
@@ -342,7 +342,7 @@ Py_hash_t hash(PyObject* self) {
     return PyObject_Hash(compared.ptr());
 }
 
-/// The pose, as numpy asks for it: the array is always a new one.
+/// The pose, as numpy requests it: the array is always a new one.
 PyObject* as_array(PyObject* self, PyObject* args, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         static const char* names[] = {"dtype", "copy", nullptr};
@@ -377,7 +377,7 @@ lookup::Used used_of(nb::handle name) {
     throw nb::value_error("no way in which an edge is used");
 }
 
-/// From what `reduce` gave. Throws TypeError, ValueError.
+/// Restores an object from the result of `reduce`. Throws TypeError, ValueError.
 nb::object restore(const nb::str& target, const nb::str& source,
                    const std::pair<nb::object, nb::object>& pose, StampNs stamp,
                    CommitNumber commit, const nb::tuple& rows) {
@@ -527,7 +527,7 @@ void bind_transform(nb::module_& module) {
     }
     g_type = reinterpret_cast<PyTypeObject*>(type);
     const nb::handle made(type);
-    made.attr("__array_ufunc__") = nb::none();  // numpy leaves `array @ T` to us
+    made.attr("__array_ufunc__") = nb::none();  // so that numpy leaves `array @ T` to Transform
     module.attr("Transform") = made;
     module.def("_restore_transform", &restore,
                nb::sig("def _restore_transform(*state: object) -> Transform"));

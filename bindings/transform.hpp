@@ -1,4 +1,4 @@
-// tfdb.Transform: the result of a lookup, a Python type of our own so that making one is cheap.
+// tfdb.Transform: the result of a lookup, a custom Python type that is cheap to create.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -16,9 +16,9 @@ using geometry::Pose;
 using lookup::Answer;
 using lookup::EdgeUse;
 
-/// The object: fixed part, then `ob_size` EdgeUse records.
-/// Threads: immutable, any. Guarantee: refers to nothing but text, so that it outlives its store
-/// and is in no cycle.
+/// The object: a fixed part, then `ob_size` EdgeUse records.
+/// Threads: immutable, any. Guarantee: it refers only to text, so it outlives its store and is in
+/// no reference cycle.
 struct TransformObject {
     PyObject_VAR_HEAD Pose pose;
     clock::StampNs stamp;
@@ -37,8 +37,8 @@ static_assert(sizeof(TransformObject) % alignof(EdgeUse) == 0);
 /// Adds the type to the module.
 void bind_transform(nb::module_& module);
 
-/// A new reference; null with MemoryError. Takes new references to the three objects. `names` holds
-/// two exact str for each edge; null where there are none.
+/// A new reference; null with MemoryError. It takes new references to the three objects. `names`
+/// holds two exact str per edge; null without edges.
 PyObject* new_transform(const Pose& pose, clock::StampNs stamp, CommitNumber commit,
                         std::span<const EdgeUse> edges, PyObject* target, PyObject* source,
                         PyObject* names);
@@ -49,7 +49,7 @@ inline PyObject* new_transform(const Answer& answer, PyObject* target, PyObject*
                          names);
 }
 
-/// The methods that compute: inverse(), @, apply().
+/// The computing methods: inverse(), @, apply().
 PyObject* transform_inverse(PyObject* self);
 PyObject* transform_multiply(PyObject* left, PyObject* right);
 PyObject* transform_apply(PyObject* self, PyObject* points);

@@ -1,4 +1,4 @@
-// Transform's methods that compute.
+// The computing methods of Transform.
 #include <algorithm>
 #include <cstring>
 #include <optional>
@@ -22,7 +22,7 @@ T older(T a, T b) {
     return a == 0 ? b : b == 0 ? a : std::min(a, b);
 }
 
-/// As the store refuses a lookup whose result is not finite; `row`: of the points.
+/// The store's error for a lookup whose result is not finite; `row`: index of the point.
 [[noreturn]] void throw_not_finite(PyObject* target, PyObject* source, clock::StampNs stamp,
                                    std::optional<std::size_t> row = std::nullopt) {
     const std::string of_row = row ? " of points[" + std::to_string(*row) + "]" : std::string();
@@ -77,12 +77,12 @@ nb::object reversed_names(PyObject* names) {
     return nb::tuple(pairs);
 }
 
-/// For `T @ other`, where `other` is not a transform.
+/// For `T @ other` if `other` is not a transform.
 PyObject* no_chain(PyObject* other) {
     const bool numbers =
         PyList_Check(other) != 0 || PyTuple_Check(other) != 0 || nb::hasattr(other, "__array__");
     if (!numbers || nb::hasattr(other, "target")) {  // a Trajectory has frames, too
-        Py_RETURN_NOTIMPLEMENTED;                    // it may know how
+        Py_RETURN_NOTIMPLEMENTED;                    // it may implement the operation
     }
     PyErr_Format(PyExc_TypeError,
                  "'@' chains two transforms, the other is a %s: T.apply(points) maps points, "

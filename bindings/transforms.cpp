@@ -21,7 +21,7 @@
 namespace tfdb::python {
 namespace {
 
-/// (N, width) of float64, side by side.
+/// A contiguous (N, width) array of float64.
 ArrayView matrix_of(const nb::object& object, std::size_t width, const char* role,
                     nb::object& keep) {
     ArrayView view = as_doubles(object, role, keep);
@@ -58,7 +58,7 @@ nb::object tuple_of(nb::handle sequence) {
     return items;
 }
 
-/// Whether it is a str that has an encoding in UTF-8.
+/// Whether it is a str that can be encoded in UTF-8.
 bool is_text(const nb::object& object) {
     if (!PyUnicode_Check(object.ptr())) {
         return false;
@@ -85,7 +85,7 @@ nb::object record_of(std::size_t index, const nb::object& error) {
 
 }  // namespace
 
-/// Runs what reads one member; an error of tfdb's that leaves it makes the member unreadable.
+/// Runs a function that reads one member; a tfdb error from it makes the member unreadable.
 template <class Function>
 void Transforms::collecting(std::size_t index, Function&& function) {
     try {
@@ -107,7 +107,7 @@ void Transforms::put_stand_ins() {
     std::stable_sort(unreadable_.begin(), unreadable_.end(), by_index);
     unreadable_.erase(std::unique(unreadable_.begin(), unreadable_.end(), same), unreadable_.end());
     for (const Unreadable& member : unreadable_) {
-        TransformView none;  // names that are none, numbers that are none
+        TransformView none;  // invalid names, invalid numbers
         none.pose.translation.x = std::numeric_limits<double>::quiet_NaN();
         views[member.index] = none;
     }
@@ -150,7 +150,7 @@ void Transforms::read_message(PyObject* item, nb::object child) {
     const nb::object transform = get(item, g_fields.transform);
     const auto part = [&](PyObject* name) { return get(transform.ptr(), name); };
     TransformView view;
-    // One leading '/' is dropped, as where messages come as bytes.
+    // One leading '/' is dropped, as in messages read from bytes.
     const auto keep = [this](nb::object name, const char* role) {
         const std::string_view bytes = keep_name(std::move(name), role);
         return bytes.starts_with('/') ? bytes.substr(1) : bytes;
@@ -265,7 +265,7 @@ void Transforms::read_stamps(const nb::object& given) {
     } catch (nb::python_error& error) {
         const nb::object index = nb::getattr(error.value(), "index", nb::none());
         if (index.is_none()) {
-            throw;  // the column as a whole
+            throw;  // an error of the whole column
         }
         const nb::object items = tuple_of(given);
         const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));

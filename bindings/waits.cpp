@@ -1,4 +1,4 @@
-// Waits for commits and transforms, and what ends them.
+// Waits for commits and transforms, and the calls that end them.
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -133,7 +133,7 @@ void stop_waits(nb::handle self, bool stop) {
 
 using BufferClass = nb::class_<BufferObject, ReadsObject>;
 
-/// What waiting.py needs.
+/// Functions for waiting.py.
 void bind_begun_waits(BufferClass& type) {
     type.def("_begin_wait", &begin_wait, nb::arg("target"), nb::arg("source"),
              nb::arg("stamp").none(), nb::arg("policy").none(),

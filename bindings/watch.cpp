@@ -1,4 +1,4 @@
-// Watches: which commits touched some frames or paths.
+// Watches: the commits that touched some frames or paths.
 #include "tfdb/store/watch.hpp"
 
 #include <nanobind/stl/string.h>
@@ -19,8 +19,8 @@
 namespace tfdb::python {
 namespace {
 
-/// What is behind the Python class Watch.
-/// Threads: the holder of the GIL; `watch` any. Guarantee: none of it changes.
+/// The object behind the Python class Watch.
+/// Threads: the holder of the GIL; `watch` any. Guarantee: immutable.
 struct WatchObject {
     std::shared_ptr<Watch> watch;
     nb::tuple what;  // names of frames, then pairs of names
@@ -28,7 +28,7 @@ struct WatchObject {
     nb::object owner;  // the Buffer object
 };
 
-/// Each once, in the order given.
+/// Removes duplicates, keeping the order.
 nb::list each_once(const nb::list& subjects) {
     const nb::object dict = nb::module_::import_("builtins").attr("dict");
     return nb::list(dict.attr("fromkeys")(subjects));
@@ -137,7 +137,7 @@ nb::tuple part_of(nb::handle self, bool frames) {
     return nb::steal<nb::tuple>(part);
 }
 
-// A buffer's clock may refer to what holds its watches: as for snapshots.
+// A buffer's clock may refer to objects that hold its watches: as for snapshots.
 int traverse_watch(PyObject* self, visitproc visit, void* arg) {
     Py_VISIT(Py_TYPE(self));
     if (nb::inst_ready(self)) {

@@ -1,4 +1,4 @@
-// TFMessage bytes from and to Python.
+// Converts between TFMessage bytes and Python.
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/string.h>
 
@@ -30,8 +30,8 @@
 namespace tfdb::python {
 namespace {
 
-/// Stores what may be stored of a message, in one commit.
-/// Threads: one, with the GIL; the arguments of the constructor outlive it.
+/// Stores the valid transforms of a message, in one commit.
+/// Threads: one, with the GIL; the constructor's arguments outlive it.
 class OneMessage {
 public:
     OneMessage(BufferObject& buffer, nb::handle data, nb::handle encoding, bool is_static,
@@ -44,8 +44,8 @@ public:
         wire::decode_tf_message(message_.bytes(), encoding_of(encoding), transforms);
     }
 
-    /// Returns the refused members. Throws what concerns no member, as CapacityExceeded; with
-    /// `throw_if_none` also the error of a message of which no member can be stored.
+    /// Returns the refused members. Throws errors that concern no member, such as CapacityExceeded;
+    /// with `throw_if_none` also the error of a message without a valid member.
     std::vector<RefusedMember> store(bool throw_if_none) {
         WriteRequest request{.transforms = transforms,
                              .is_static = is_static_,
@@ -77,7 +77,7 @@ private:
     const WriteRules rules_;
 };
 
-/// The child frame of a refused member, which may be anything.
+/// The child frame of a refused member; it may be any text.
 std::string edge_of(const TransformView& refused) {
     return std::string(refused.child.substr(0, kMaxNameBytes));
 }
@@ -109,7 +109,8 @@ nb::list ingest_members(BufferObject& self, nb::handle data, nb::handle encoding
     return records;
 }
 
-/// The sender of each of many messages: one name for all, or one name each. Made with the GIL.
+/// The sender of each of many messages: one name for all, or one name each. Constructed with the
+/// GIL.
 class Senders {
 public:
     Senders(nb::handle authority, nb::handle messages) {
@@ -134,7 +135,7 @@ public:
         }
     }
 
-    /// Valid as long as the arguments of the constructor.
+    /// Valid as long as the constructor's arguments.
     [[nodiscard]] std::string_view of(std::size_t message) const {
         return message < each_.size() ? each_[message] : common_;
     }
@@ -158,7 +159,7 @@ struct Refusal {
     }
 };
 
-/// Totals of an ingest_many. Threads: one.
+/// Totals of an ingest_many call. Threads: one.
 struct Tally {
     std::uint64_t messages = 0;
     std::uint64_t transforms = 0;
@@ -167,7 +168,7 @@ struct Tally {
     std::uint64_t refused_transforms = 0;
     CommitNumber commit = 0;
     std::map<ErrorCode, Refusal> reasons;
-    /// By the child frame, the error, and whether it concerns a message as a whole.
+    /// By the child frame, the error, and whether it concerns a whole message.
     std::map<std::tuple<std::string, ErrorCode, bool>, Refusal> edges;
 
     void add_message(ErrorCode code, std::string_view text) {
@@ -181,7 +182,7 @@ struct Tally {
     }
 };
 
-/// Counts the samples of a message that the store has, or refused as too old.
+/// Counts a message's samples that the store stored or refused as too old.
 void count_forgotten(Forgotten& forgotten, std::span<const TransformView> members,
                      std::span<const RefusedMember> refused) {
     for (std::size_t i = 0; i < members.size(); ++i) {
@@ -195,7 +196,7 @@ void count_forgotten(Forgotten& forgotten, std::span<const TransformView> member
     }
 }
 
-/// `select` leaves in the members of a message what is to be stored.
+/// `select` reduces the members of a message to those to be stored.
 template <class Select>
 void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_static,
                 std::string_view authority, std::vector<TransformView>& scratch, Tally& tally,
@@ -290,7 +291,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encod
     return result_of(tally);
 }
 
-/// The names of the senders, by source. Valid as long as the dict.
+/// The senders' names, by source. Valid as long as the dict.
 std::map<std::uint32_t, std::string_view> senders_of(const nb::dict& authorities) {
     std::map<std::uint32_t, std::string_view> names;
     for (const auto& [source, name] : authorities) {
@@ -313,7 +314,7 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
     tally.commit = self.open_store().commit();
     while (first < last) {
         look_for_signals(0);
-        // A copy: others may add messages meanwhile. Their bytes stay where they are.
+        // A copy: other threads may add messages meanwhile. The bytes do not move.
         const std::vector<RecordedMessage> together =
             messages.between(first, std::min(last, first + kTogether));
         const LongWork work(true);
@@ -360,21 +361,21 @@ bool has_nul(std::string_view name) {
     return name.find('\0') != std::string_view::npos;
 }
 
-/// The first and the last stamp of an edge.
+/// The first and last stamp of an edge.
 struct Stamps {
     clock::StampNs first = 0;
     clock::StampNs last = 0;
 };
 
-/// The child frames that messages state, by source, with their first and last stamp. Damaged
-/// messages state none, and neither do transforms without a stamp.
+/// The child frames in messages, by source, with their first and last stamp. Damaged messages and
+/// transforms without a stamp do not count.
 nb::dict recorded_children(const Recorded& messages, std::size_t first, std::size_t last,
                            nb::handle encoding, bool is_static, nb::handle selection,
                            const nb::dict& rules) {
     constexpr std::size_t kTogether = 1024;
     const wire::Encoding how = encoding_of(encoding);
     SelectedSources selected(selection, rules);
-    // Views of bytes that stay where they are as long as `messages` and `selection`.
+    // Views of bytes that do not move while `messages` and `selection` live.
     std::map<std::uint32_t, std::unordered_map<std::string_view, Stamps>> found;
     std::vector<TransformView> scratch;
     for (; first < last; first += kTogether) {
@@ -440,7 +441,7 @@ PyObject* encode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, Py
     });
 }
 
-/// A frame name as a str; not valid where it is none that a TransformStamped may have.
+/// A frame name as a str; invalid if no TransformStamped can have the name.
 nb::object text_of(std::string_view name) {
     if (has_nul(name))
         return {};
@@ -460,8 +461,8 @@ nb::object error_of(const TransformView& view, std::size_t index, bool is_static
     return error;
 }
 
-/// The transforms; what `judge` makes, if anything, stands in the place of one. It gets the
-/// transform, its position, and whether its names and its stamp can be read.
+/// The transforms; an object returned by `judge` replaces a transform. `judge` gets the transform,
+/// its index, and whether its names and its stamp are readable.
 template <class Judge>
 nb::list decoded(const BytesLike& message, wire::Encoding encoding, const Judge& judge) {
     std::vector<TransformView> transforms;
@@ -489,7 +490,7 @@ nb::list decode_members(nb::handle data, nb::handle encoding, bool is_static,
                         nb::handle authority) {
     const std::string_view sender = name_of(authority, "authority");
     const auto judge = [&](TransformView& view, std::size_t index, bool is_readable) -> nb::object {
-        if (is_static)  // a store keeps no stamp of it
+        if (is_static)  // a store ignores the stamp of a static transform
             view.stamp = std::min(view.stamp, clock::kMaxStamp);
         if (is_readable && view.stamp <= clock::kMaxStamp)
             return {};

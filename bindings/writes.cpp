@@ -10,7 +10,7 @@
 namespace tfdb::python {
 namespace {
 
-/// Above this a commit takes longer than handing the GIL over and back.
+/// A larger commit takes longer than releasing and reacquiring the GIL.
 constexpr std::size_t kReleaseFrom = 1024;
 
 BufferObject& buffer_of(PyObject* self) {

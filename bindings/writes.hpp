@@ -1,4 +1,4 @@
-// From Python objects to transforms, and from transforms to a commit.
+// Converts Python objects to transforms, and commits transforms.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -20,14 +20,14 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// Commits small requests with the GIL held unless another writer is at it, others without the
+/// Commits small requests with the GIL held unless another writer is active, all others without the
 /// GIL; returns the commit's number.
 CommitNumber commit_write(BufferObject& buffer, WriteRequest request);
 
-/// The names of frames that a caller gave: one str, or several.
+/// The frame names passed by a caller: one str, or several.
 class FrameNames {
 public:
-    /// Throws TypeError, InvalidName; with `index` where several were given.
+    /// Throws TypeError, InvalidName; with `index` if several were given.
     explicit FrameNames(nb::handle names);
 
     [[nodiscard]] std::span<const std::string_view> views() const { return views_; }
@@ -37,7 +37,7 @@ private:
     std::vector<std::string_view> views_;
 };
 
-/// The frames that a caller asks for: one str, or several; None: all.
+/// The frames requested by a caller: one str, or several; None: all.
 class ChosenFrames {
 public:
     /// Throws as FrameNames.
@@ -54,13 +54,13 @@ private:
     std::optional<FrameNames> names_;
 };
 
-/// A tfdb.Columns of one edge whose arrays are read where they lie.
+/// A tfdb.Columns of one edge whose arrays are read in place.
 class OneEdge {
 public:
-    /// None: it is something else, or its arrays are to be converted first.
+    /// Empty: another type, or arrays that need conversion.
     static std::optional<OneEdge> of(nb::handle batch);
 
-    /// Valid while this lives; others may write into the arrays.
+    /// Valid during its lifetime; other threads may write into the arrays.
     [[nodiscard]] EdgeColumns columns() const;
 
 private:
@@ -70,21 +70,20 @@ private:
     ArrayView poses_;
 };
 
-/// Transforms read from Python objects; the views in `views` stay valid while it lives.
+/// Transforms read from Python objects; the views in `views` are valid during its lifetime.
 class Transforms {
 public:
-    /// A sequence of TransformStamped and of messages like it, or a tfdb.Columns, whose stamps are
-    /// 0 where it has none. Throws with `index`.
+    /// A sequence of TransformStamped or similar messages, or a tfdb.Columns, whose missing stamps
+    /// become 0. Throws with `index`.
     static Transforms for_message(nb::handle batch);
-    /// The same: what `set_transforms` takes. A member that cannot be read (no
-    /// stamp, no text, not three numbers) is remembered, and a stand-in into `views`
-    /// that the core refuses.
+    /// The same for `set_transforms`. An unreadable member (no stamp, no text, not three numbers)
+    /// is recorded, and `views` gets a placeholder that the core refuses.
     static Transforms from_batch(nb::handle batch, bool is_static);
-    /// A moving one by itself, of which `names_its_frames` holds.
+    /// A single moving transform for which `names_its_frames` is true.
     static Transforms from_one(PyObject* transform);
 
-    /// What `store(views)` returns. If it refuses the batch, the error knows the unreadable members
-    /// too.
+    /// Returns the result of `store(views)`. If the batch is refused, the error lists the
+    /// unreadable members as well.
     template <class Store>
     auto give_to(Store&& store) const {
         try {
@@ -96,7 +95,7 @@ public:
             throw_refused(error);
         }
     }
-    /// Records of all refused members, in their order, as a list of tfdb.types.Refused.
+    /// Records of all refused members, in order, as a list of tfdb.types.Refused.
     [[nodiscard]] nb::list refused(const std::vector<RefusedMember>& by_core) const;
 
     std::vector<TransformView> views;
@@ -125,15 +124,15 @@ private:
     std::vector<Unreadable> unreadable_;
 };
 
-/// T[parent<-child] from the arguments of `set_transform`; null for `stamp`: a static one.
+/// T[parent<-child] from the arguments of `set_transform`; null for `stamp`: static.
 TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp,
                       const PoseArguments& pose);
 
-/// Whether it is a Transform, a TransformStamped or a message like it.
+/// Whether it is a Transform, a TransformStamped or a similar message.
 bool names_its_frames(PyObject* object);
 
-/// What `store(view, authority, rules)` returns for the arguments of a `set_transform`, with or
-/// without the rules of writing.
+/// Returns the result of `store(view, authority, rules)` for the arguments of a `set_transform`,
+/// with or without write rules.
 template <bool kRules, class Store>
 auto read_set_transform(PyObject* const* args, Py_ssize_t count, PyObject* keywords,
                         Store&& store) {

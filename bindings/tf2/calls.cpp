@@ -1,6 +1,6 @@
-// The hottest calls of tfdb.tf2, as base classes of its BufferCore and Buffer: each answers what is
-// plain, and hands everything else to a method of the same name, behind an underscore, in Python.
-// The rules of tf2 are there.
+// The most frequent calls of tfdb.tf2, as base classes of its BufferCore and Buffer. Each handles
+// plain arguments, and passes all others to a Python method of the same name with a leading
+// underscore. The Python methods contain the rules of tf2.
 #include "tf2/calls.hpp"
 
 #include <array>
@@ -20,14 +20,14 @@
 namespace tfdb::python {
 namespace {
 
-/// What the native calls of an object may use, from `_answer_by` on: null before.
+/// The settings for an object's native calls, set by `_answer_by`; null before.
 struct Plain {
     PyObject* buffer = nullptr;
     PyObject* maker = nullptr;
-    PyObject* only_time = nullptr;  // the one class of times, beside int; null: any
+    PyObject* only_time = nullptr;  // the one time class accepted besides int; null: any
     WriteRules rules;
-    bool own_lookup = false;  // no subclass has a lookup_transform_core, ...
-    bool own_can = false;     // ... or can_transform_core of its own
+    bool own_lookup = false;  // no subclass overrides lookup_transform_core ...
+    bool own_can = false;     // ... or can_transform_core
 };
 
 void release(const Plain& plain) {
@@ -45,7 +45,7 @@ CoreObject& core_of(PyObject* self) {
     return *reinterpret_cast<CoreObject*>(self);
 }
 
-/// The same for one call: what it uses stays alive meanwhile.
+/// The same for one call; keeps its objects alive meanwhile.
 class Using {
 public:
     explicit Using(PyObject* self) {
@@ -60,7 +60,7 @@ public:
     [[nodiscard]] const Plain* operator->() const { return &plain_; }
     [[nodiscard]] explicit operator bool() const { return plain_.buffer != nullptr; }
 
-    /// Nanoseconds of a time that is plain.
+    /// Nanoseconds of a plain time.
     [[nodiscard]] std::optional<StampNs> stamp(PyObject* time) const {
         if (PyLong_CheckExact(time) == 0 && plain_.only_time != nullptr &&
             reinterpret_cast<PyObject*>(Py_TYPE(time)) != plain_.only_time) {
@@ -70,19 +70,19 @@ public:
         return found && clock::is_stamp(*found) ? found : std::nullopt;
     }
 
-    /// The stamp of a question that is plain.
+    /// The stamp of a plain question.
     [[nodiscard]] std::optional<StampNs> asked(PyObject* target, PyObject* source,
                                                PyObject* time) const {
         const bool named = PyUnicode_CheckExact(target) && PyUnicode_CheckExact(source);
         return named ? stamp(time) : std::nullopt;
     }
 
-    /// Whether such a question has an answer.
+    /// Whether a plain question has an answer.
     [[nodiscard]] bool can(PyObject* target, PyObject* source, StampNs at) const {
         return can_find_pose(plain_.buffer, target, source, stamp_or_latest(at));
     }
 
-    /// The answer as a message, a new reference; null where the question is not plain, has no
+    /// The answer as a message, a new reference. Null if the question is not plain or has no
     /// answer, or with a Python error.
     [[nodiscard]] PyObject* message(PyObject* target, PyObject* source, PyObject* time) const {
         const std::optional<StampNs> at = asked(target, source, time);
@@ -103,7 +103,7 @@ private:
     nb::object only_time_;
 };
 
-/// A number is seconds, of which the method in Python refuses those that are not durations.
+/// A number is seconds; the Python method refuses numbers that are no durations.
 bool is_plain_timeout(PyObject* timeout) {
     if (!is_given(timeout)) {
         return true;
@@ -117,14 +117,15 @@ bool is_plain_timeout(PyObject* timeout) {
     return seconds >= 0.0 && clock::nanoseconds_from_seconds(seconds).has_value();
 }
 
-/// Forgets the error of a plain answer: the method in Python raises it.
+/// Clears the error of a plain answer: the Python method raises it.
 void forget(nb::python_error& error) {
     if (!error.matches(PyExc_Exception) || error.matches(PyExc_MemoryError)) {
         throw nb::python_error(std::move(error));
     }
 }
 
-/// What `answer` returns, or where that is null or throws, the method in Python with the arguments.
+/// Returns the result of `answer`; if that is null or throws, calls the Python method with the
+/// arguments.
 template <class Answer, std::size_t N>
 PyObject* answer_or_call(PyObject* self, PyObject* method, const std::array<PyObject*, N>& given,
                          Answer&& answer) {
@@ -140,7 +141,7 @@ PyObject* answer_or_call(PyObject* self, PyObject* method, const std::array<PyOb
     } catch (nb::python_error& error) {
         forget(error);
     } catch (const LockTimeout&) {
-        throw;  // not to wait once more
+        throw;  // a retry would wait again
     } catch (const Error&) {
     }
     std::array<PyObject*, N + 1> all{self};
@@ -157,7 +158,7 @@ constexpr std::array<std::string_view, 2> kSetNames = {"transform", "authority"}
 constexpr std::array<std::string_view, 5> kAnswerNames = {"buffer", "maker", "only_time",
                                                           "change_kind", "only_new"};
 
-/// Names that are looked up in each call, interned once.
+/// Names looked up in each call, interned once.
 struct Methods {
     PyObject* lookup_transform_core = nullptr;
     PyObject* can_transform_core = nullptr;
@@ -234,14 +235,14 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                                   const auto at = plain.asked(given[0], given[1], given[2]);
                                   const bool can = at && plain.can(given[0], given[1], *at);
                                   if (!at || (!can && is_given(given[3]))) {
-                                      return nullptr;  // it may come in time
+                                      return nullptr;  // the answer may still arrive
                                   }
-                                  return PyLong_FromLong(can ? 1 : 0);  // as tf2
+                                  return PyLong_FromLong(can ? 1 : 0);  // as in tf2
                               });
     });
 }
 
-/// A name without the slash that tf2 of old put before it.
+/// A name without the leading slash of old tf2 versions.
 std::string_view frame_of(const nb::object& name) {
     std::string_view text = name_of(name, "frame");
     if (text.starts_with('/')) {
@@ -287,7 +288,7 @@ PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
     });
 }
 
-/// Whether a class has a method of ours, and not one of its own.
+/// Whether a class inherits tfdb's own method, without an override.
 bool has_ours(PyObject* self, PyObject* name) {
     const nb::object ours = get(reinterpret_cast<PyObject*>(g_core_calls), name);
     return get(reinterpret_cast<PyObject*>(Py_TYPE(self)), name).is(ours);
@@ -299,7 +300,7 @@ PyObject* answer_by(PyObject* self, PyObject* const* args, Py_ssize_t count, PyO
         const auto [buffer, maker, only_time, change_kind, only_new] =
             bind<5>(kList, args, count, keywords);
         Plain plain;
-        // What a subclass of Buffer does is not known.
+        // The behaviour of a subclass of Buffer is unknown.
         if (nb::handle(Py_TYPE(buffer)).is(offered_type<BufferObject>()) &&
             nb::inst_ready(buffer) && is_message_maker(maker)) {
             plain.buffer = Py_NewRef(buffer);
