@@ -15,7 +15,7 @@ namespace nb = nanobind;
 // Renames nanobind's entry point, which the one below calls.
 #define PyInit__core tfdb_make_core
 NB_MODULE(_core, module) {
-    // A policy or a buffer in a user's global variable is alive at exit; that is no leak.
+    // A policy or a buffer in a user's global variable is alive at exit, but not a leak.
     nb::set_leak_warnings(false);
     module.doc() = "The compiled part of tfdb. Use the names that `tfdb` exports.";
     module.attr("__version__") = TFDB_VERSION;

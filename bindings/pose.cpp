@@ -260,7 +260,7 @@ geometry::Quat rotation_of(const PoseArguments& given) {
         return geometry::quaternion_of_rpy(vector_of(given.rpy, "rpy"));
     }
     if (is_given(given.wxyz)) {
-        // An object with named or differently ordered parts is no valid value for this argument.
+        // An object with named or differently ordered parts is invalid for this argument.
         if (PySequence_Check(given.wxyz) == 0 || find(given.wxyz, g_fields.as_quat).is_valid()) {
             refuse<4>(given.wxyz, "wxyz");
         }

@@ -103,7 +103,7 @@ private:
     nb::object only_time_;
 };
 
-/// A number is seconds; the Python method refuses numbers that are no durations.
+/// A number is seconds; the Python method refuses invalid durations.
 bool is_plain_timeout(PyObject* timeout) {
     if (!is_given(timeout)) {
         return true;
