@@ -1,7 +1,8 @@
 #pragma once
 
-// The whole test harness: register with TFDB_TEST, judge with CHECK*. A failed check is printed and
-// counted and the test goes on; a test passes when it recorded no failure and let nothing escape.
+// The test harness: register with TFDB_TEST, check with CHECK*. A failed check is printed and
+// counted, and the test continues. A test passes if it recorded no failure and no exception
+// escaped.
 
 #include <cmath>
 #include <exception>
@@ -26,10 +27,10 @@ struct TestCase {
 
 std::vector<TestCase>& registry();
 
-// Records a failure of the running test; callable from any thread of the test.
+// Records a failure of the running test; any thread of the test may call it.
 void report_failure(const char* file, int line, const std::string& message);
 
-// Counts a judged expression; a test that judges nothing is reported as a failure.
+// Counts a check; a test without checks is reported as a failure.
 void count_check();
 
 struct Registrar {
@@ -61,7 +62,7 @@ std::string show(const T& value) {
     return out.str();
 }
 
-// Signed against unsigned compares by value, as std::cmp_equal does.
+// Compares signed with unsigned by value, as std::cmp_equal does.
 template <typename A, typename B>
 bool equal(const A& a, const B& b) {
     constexpr bool kIntegers = std::is_integral_v<A> && std::is_integral_v<B> &&
@@ -96,7 +97,7 @@ inline void check_true(bool value, const char* text, const char* file, int line)
     }
 }
 
-// Written so that a NaN on either side fails.
+// Fails if either side is NaN.
 inline void check_near(double a, double b, double tolerance, const char* text, const char* file,
                        int line) {
     count_check();

@@ -96,7 +96,7 @@ int run_all(int argc, char** argv) {
     if (!list_only) {
         std::printf("%ld passed, %ld failed\n", passed, failed);
     }
-    // A filter that matches nothing must not look like success.
+    // A filter without matches must not look like success.
     return list_only || (failed == 0 && passed > 0) ? 0 : 1;
 }
 

@@ -15,7 +15,7 @@ struct Option {
     unsigned& value;
 };
 
-/// Reads `--name value` pairs; ends the program where a name is unknown or a value is missing.
+/// Reads `--name value` pairs; exits if a name is unknown or a value is missing.
 inline void read_options(int argc, char** argv, std::initializer_list<Option> options) {
     for (int i = 1; i < argc; i += 2) {
         const Option* found = nullptr;

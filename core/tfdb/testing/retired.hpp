@@ -1,4 +1,4 @@
-// The blocks of a checker's region that wait for readers, as Region keeps them.
+// The retired blocks of a checker's region, as Region keeps them.
 #pragma once
 
 #include <cstddef>
@@ -7,15 +7,15 @@
 
 namespace tfdb::testing {
 
-// Gives blocks back in the order in which they came. Needs the engine's lock.
+// Releases blocks in the order of their retirement. Needs the engine's lock.
 class RetiredBlocks {
 public:
     void add(std::uint64_t block, std::size_t bytes, std::uint64_t number) {
         blocks_.push_back({block, bytes, number});
         bytes_ += bytes;
     }
-    // `word` then tells up to which number they have gone, before `release(block, bytes)`. False:
-    // there is no more that may go.
+    // Stores in `word` the number up to which they are gone, before `release(block, bytes)`. False:
+    // no more can be released.
     template <class Memory, class Word>
     bool reclaim(Memory& memory, Word& word, std::uint64_t oldest, std::size_t keep) {
         while (bytes_ > keep && blocks_.front().number <= oldest) {

@@ -62,7 +62,7 @@ const std::vector<std::size_t>& Causality::append(std::size_t thread, std::size_
     return races_;
 }
 
-/// Drops a race with an event that another racing event already comes after.
+/// Drops a race with an event that already precedes another racing event.
 void Causality::keep_immediate() {
     const std::vector<std::size_t> all = races_;
     races_.clear();

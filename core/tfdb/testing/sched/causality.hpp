@@ -12,11 +12,12 @@ inline constexpr std::size_t kMaxThreads = 6;
 /// A set of threads, bit i for thread i.
 using Threads = std::uint32_t;
 
-/// How many events of each thread are known to have happened before.
+/// Number of each thread's events known to have happened before.
 using Clock = std::array<std::uint32_t, kMaxThreads>;
 
-// The happens-before order of one execution: program order plus conflicts on the same word.
-// Used by one OS thread. Tells which events race, and who can go first when a race is turned.
+// The happens-before order of one execution: program order plus conflicts on the same word. Used by
+// one OS thread. It determines the racing events, and the threads that can go first when a race is
+// reversed.
 class Causality {
 public:
     struct Event {
@@ -24,24 +25,24 @@ public:
         std::uint32_t sequence;  // counts from 1 inside its thread
         bool stored;
         std::size_t word;
-        Clock clock;  // everything before it, itself included
+        Clock clock;  // everything before it, including itself
     };
 
     void clear();
 
     /// Appends the next event. Returns the earlier events that race with it: conflicting, of
-    /// another thread, with nothing between the two in the happens-before order.
+    /// another thread, with no event between the two in the happens-before order.
     const std::vector<std::size_t>& append(std::size_t thread, std::size_t word, bool stored);
 
-    /// The events that conflict with an access to `word` that `thread` has announced but cannot do
-    /// yet, and which it does not already come after.
+    /// The events that conflict with an announced, still blocked access to `word` by `thread`, and
+    /// do not precede it already.
     const std::vector<std::size_t>& conflicts(std::size_t thread, std::size_t word, bool stores);
 
-    /// Who can take the first step in: everything after `event` that does not depend on it,
-    /// then the last event (the racing one).
+    /// The threads that can take the first step of: everything after `event` that does not depend
+    /// on it, then the last event (the racing one).
     [[nodiscard]] Threads first_when_turned(std::size_t event) const;
 
-    /// The same when the racing one is only announced: an access to `word` by `thread`.
+    /// The same if the racing event is only announced: an access to `word` by `thread`.
     [[nodiscard]] Threads first_when_turned(std::size_t event, std::size_t thread,
                                             std::size_t word) const;
 

@@ -19,10 +19,10 @@ std::size_t lowest(Threads set) {
     return static_cast<std::size_t>(std::countr_zero(set));
 }
 
-/// Thrown through the program when its execution cannot go on and there is nothing to check.
+/// Thrown through the program if its execution cannot continue and needs no check.
 struct Deadlocked {};
 
-/// What the threads are about to do, as one number.
+/// Hash of the threads' announced steps.
 std::size_t signature(const Run& run) {
     std::size_t mixed = 0;
     for (std::size_t thread = 0; thread < run.thread_count(); ++thread) {
@@ -32,7 +32,7 @@ std::size_t signature(const Run& run) {
     return mixed;
 }
 
-/// True if the announced step would store now: a compare-exchange that fails is a read.
+/// Whether the announced step would store now: a failing compare-exchange is a read.
 bool would_store(const Run& run, std::size_t thread) {
     const Operation& next = run.announced(thread);
     if ((run.unfinished() & bit_of(thread)) == 0 || only_reads(next.kind)) {
@@ -44,7 +44,7 @@ bool would_store(const Run& run, std::size_t thread) {
 
 /// Depth-first search with source sets and sleep sets (Abdulla, Aronis, Jonsson, Sagonas: "Source
 /// sets", 2017), extended to steps that must wait. A race between an event and a later step of
-/// another thread makes that thread, or one it needs first, an alternative before the event.
+/// another thread makes that thread, or one that it needs first, an alternative before the event.
 class Explorer {
 public:
     Explorer(const Program& program, const Options& options)
@@ -72,9 +72,9 @@ private:
         Threads runnable = 0;
         Threads wanted = 0;  // to be chosen here
         Threads done = 0;    // chosen here in earlier executions
-        Threads asleep = 0;  // choosing them repeats what was explored before this node
+        Threads asleep = 0;  // choosing them repeats executions explored before this node
         unsigned preemptions = 0;
-        std::size_t signature = 0;  // of what all threads had announced
+        std::size_t signature = 0;  // of all threads' announced steps
     };
 
     void once();
@@ -142,7 +142,7 @@ void Explorer::drive(Run& run) {
 }
 
 void Explorer::advance_reduced(Run& run, std::size_t depth, std::size_t thread) {
-    // Who sleeps on is judged by what was announced before the step.
+    // The announcements before the step determine which threads stay asleep.
     std::array<bool, kMaxThreads> reads{};
     Threads same_word = 0;
     for (std::size_t other = 0; other < run.thread_count(); ++other) {
@@ -165,7 +165,7 @@ void Explorer::advance_reduced(Run& run, std::size_t depth, std::size_t thread) 
     }
 }
 
-/// The races of steps that cannot happen now: a thread that waits, or that this step made wait.
+/// The races of steps that are blocked: of a waiting thread, or of one that this step blocked.
 void Explorer::note_waiting_races(Run& run, const Step& step) {
     for (std::size_t thread = 0; thread < run.thread_count(); ++thread) {
         if ((run.unfinished() & bit_of(thread)) == 0 || run.runnable(thread)) {
@@ -184,7 +184,7 @@ void Explorer::note_waiting_races(Run& run, const Step& step) {
     }
 }
 
-/// Makes one of `firsts` an alternative to the choice that led to `event`, unless one is already.
+/// Makes one of `firsts` an alternative to the choice that led to `event`, unless one already is.
 void Explorer::turn(std::size_t event, Threads firsts) {
     Node& node = nodes_[event];
     const Threads possible = firsts & node.runnable;
@@ -203,7 +203,7 @@ std::size_t Explorer::choose(Run& run, std::size_t depth, Threads runnable) {
     }
     const Threads allowed = redundant_ ? 0 : candidates(depth, runnable);
     if (allowed == 0) {
-        // Finished without branching rather than cut off: the threads' destructors run.
+        // Finished without branching instead of aborted: the threads' destructors run.
         redundant_ = true;
         const std::size_t last = run.steps().empty() ? 0 : run.steps().back().thread;
         const Threads after = runnable & ~(bit_of(last + 1) - 1);
@@ -222,7 +222,7 @@ std::size_t Explorer::choose(Run& run, std::size_t depth, Threads runnable) {
     return node.chosen;
 }
 
-/// How often the choices so far took the turn from a thread that could have gone on.
+/// How often the choices so far preempted a runnable thread.
 unsigned Explorer::preemptions_before(std::size_t depth) const {
     if (depth < 2) {
         return 0;

@@ -18,10 +18,10 @@ namespace {
 
 constexpr std::size_t kStackBytes = 256 * 1024;
 
-// The fiber whose body is about to be entered: a fresh stack has no other way to learn it.
+// The fiber whose body is about to start: a fresh stack has no other access to it.
 Fiber* g_entering = nullptr;
 
-/// A stack with an unmapped page below it, so that an overflow stops at once.
+/// A stack with an unmapped page below it, so that an overflow faults at once.
 void* map_stack() {
     void* base = mmap(nullptr, kStackBytes, PROT_READ | PROT_WRITE,
                       MAP_PRIVATE | MAP_ANONYMOUS | MAP_STACK, -1, 0);
@@ -37,8 +37,9 @@ void* map_stack() {
 
 #if defined(__x86_64__)
 
-// Saves the callee-saved registers and the stack pointer, loads the other side's. No system call:
-// a walk switches tens of millions of times, and swapcontext() makes two of them per switch.
+// Saves the callee-saved registers and the stack pointer, and loads those of the other side. It
+// makes no system call: a walk switches tens of millions of times, and swapcontext() makes two of
+// them per switch.
 extern "C" void tfdb_sched_switch(void** save, void* load);
 asm(R"(
 .text

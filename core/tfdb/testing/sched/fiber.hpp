@@ -5,9 +5,9 @@
 
 namespace tfdb::sched {
 
-// A stackful coroutine: a body that runs on a stack of its own and can stop anywhere in it.
-// One OS thread at a time may use it: start() and resume() outside, suspend() inside the body.
-// An unfinished body may be left behind: its stack is reused, its destructors do not run.
+// A stackful coroutine: a body that runs on its own stack and can be suspended anywhere. One OS
+// thread at a time may use it: start() and resume() outside, suspend() inside the body. An
+// unfinished body may be abandoned: its stack is reused, its destructors do not run.
 class Fiber {
 public:
     Fiber();
@@ -15,13 +15,13 @@ public:
     Fiber(const Fiber&) = delete;
     Fiber& operator=(const Fiber&) = delete;
 
-    /// Gives the fiber a new body, which runs at the next resume(). The body must not throw.
+    /// Gives the fiber a new body, which the next resume() runs. The body must not throw.
     void start(std::function<void()> body);
 
     /// Runs the body until it calls suspend() or returns.
     void resume();
 
-    /// Called inside the body: goes back to the caller of resume().
+    /// Call inside the body: returns to the caller of resume().
     void suspend();
 
     [[nodiscard]] bool finished() const { return finished_; }

@@ -9,8 +9,8 @@
 #include "tfdb/testing/sched/run.hpp"
 #include "tfdb/testing/sched/word.hpp"
 
-// Bugs to seed between a protocol and its words, so that the code under test stays the one that
-// ships. Each proves that a walk can fail.
+// Seeds bugs between a protocol and its words, so that the tested code is the shipped code. Each
+// seeded bug proves that a walk can fail.
 namespace tfdb::sched {
 
 using Which = std::function<bool(const Word&)>;
@@ -19,8 +19,8 @@ inline bool is_load(Kind kind) {
     return kind == Kind::kLoadRelaxed || kind == Kind::kLoadAcquire;
 }
 
-// One thread's stores to some words happen only after its next store to another word.
-// Made anew for each execution.
+// Delays one thread's stores to some words until after its next store to another word. Create one
+// per execution.
 class Delays : public Interceptor {
 public:
     Delays(std::size_t thread, Which delayed, const Word& until)
@@ -58,7 +58,7 @@ private:
     std::vector<Operation> held_;
 };
 
-// Some stores never happen. Made anew for each execution.
+// Drops some stores. Create one per execution.
 class Forgets : public Interceptor {
 public:
     using Forgotten = std::function<bool(const Word&, std::uint64_t value)>;
@@ -75,8 +75,8 @@ private:
     Forgotten forgotten_;
 };
 
-// Every second load of one word by a thread sees what the first one saw: a second look that is
-// none. Made anew for each execution.
+// Every second load of one word by a thread returns the first load's value: a repeated check
+// without effect. Create one per execution.
 class LooksOnce : public Interceptor {
 public:
     LooksOnce(std::size_t thread, const Word& word) : thread_(thread), word_(word) {}
@@ -99,8 +99,8 @@ private:
     std::uint64_t seen_ = 0;
 };
 
-// A thread's relaxed loads of one word see what its last acquiring load saw: a check at the end
-// that believes the beginning. Made anew for each execution.
+// A thread's relaxed loads of one word return the value of its last acquiring load: a final check
+// that sees old values. Create one per execution.
 class BelievesFirst : public Interceptor {
 public:
     BelievesFirst(std::size_t thread, const Word& word) : thread_(thread), believed_(word) {}
@@ -121,8 +121,9 @@ private:
     std::uint64_t first_ = 0;
 };
 
-// A thread dies after so many stores, and says so in a word, as the kernel does for who holds a
-// robust lock. What comes before its death may be seeded with a bug. Made anew for each execution.
+// A thread dies after a number of stores and marks that in a word, as the kernel does for the
+// holder of a robust lock. The steps before its death may contain a seeded bug. Create one per
+// execution.
 class Dies : public Interceptor {
 public:
     Dies(std::size_t thread, std::size_t stores, Word& told, Interceptor* flaw = nullptr)

@@ -26,7 +26,7 @@ bool passes(const tfdb::sched::Test& test) {
 
 }  // namespace
 
-/// Makes all walks, or those whose name contains the last argument; `--all`: to their ends.
+/// Runs all walks, or those whose name contains the last argument; `--all`: to their ends.
 int main(int argc, char** argv) {
     tfdb::sched::to_the_end() = argc > 1 && std::strcmp(argv[1], "--all") == 0;
     const char* name = argc > 1 ? argv[argc - 1] : "";

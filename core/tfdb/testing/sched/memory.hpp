@@ -13,10 +13,10 @@
 
 namespace tfdb::sched {
 
-// A small region of walked words: what the engine's templates run on in a walk.
-// Every walked thread may read and write words; allocate() and release() need the engine's lock.
-// A released block is handed out again at once, the worst case for a reader that still looks there.
-// Fences do nothing: the walk is sequentially consistent, and Relacy judges the memory orders.
+// A small region of walked words: the engine's templates use it in a walk. Every walked thread may
+// read and write words; allocate() and release() need the engine's lock. A released block is reused
+// at once, the worst case for a reader that still accesses it. Fences do nothing: the walk is
+// sequentially consistent, and Relacy checks the memory orders.
 template <unsigned PayloadWords>
 class BasicMemory {
 public:
@@ -35,14 +35,14 @@ public:
         return offset < bytes_ && offset % 8 == 0 ? words_[offset / 8] : outside();
     }
 
-    /// Puts something between the threads and all words of the region.
+    /// Inserts an interceptor between the threads and all words of the region.
     void intercept(Interceptor* interceptor) {
         for (std::size_t index = 0; index < bytes_ / 8; ++index) {
             words_[index].intercept(interceptor);
         }
     }
 
-    /// Blocks of whole lines; offset 0 is never given out.
+    /// Blocks of whole lines; offset 0 is never returned.
     Offset allocate(std::size_t bytes) {
         const std::size_t lines = (bytes + kLine - 1) / kLine;
         std::vector<Offset>& waiting = free_[lines];
@@ -71,7 +71,7 @@ public:
     }
     [[nodiscard]] Word& reclaimed(memory::Line line) const { return word(8 + 8 * place(line)); }
 
-    /// The blocks that no new look may lead to: free ones and retired ones.
+    /// The free and the retired blocks: no new read may lead to them.
     [[nodiscard]] std::vector<Offset> out_of_use() const {
         std::vector<Offset> blocks;
         for (const auto& [lines, free] : free_)

@@ -67,7 +67,7 @@ void Run::launch(std::size_t thread) {
     go_on(thread);
 }
 
-/// Lets a thread run up to the announcement of its next access.
+/// Runs a thread until it announces its next access.
 void Run::go_on(std::size_t thread) {
     current_ = thread;
     in_thread_ = true;
@@ -91,7 +91,7 @@ void Run::die() {
     self.finished = true;
     self.died = true;
     self.fiber->suspend();
-    std::abort();  // it is not resumed
+    std::abort();  // never resumed
 }
 
 const Step& Run::advance(std::size_t thread) {

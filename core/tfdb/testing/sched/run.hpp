@@ -13,7 +13,7 @@
 
 namespace tfdb::sched {
 
-/// One executed step, as the printed schedule shows it.
+/// One executed step, for the printed schedule.
 struct Step {
     std::size_t thread;
     Kind kind;
@@ -21,20 +21,20 @@ struct Step {
     Effect effect;
 };
 
-/// Thrown by SCHED_REQUIRE: the program under the walk broke a promise.
+/// Thrown by SCHED_REQUIRE: the walked program violated a requirement.
 struct Violation {
     std::string what;
-    std::string schedule;  // filled in where the words still live
+    std::string schedule;  // filled in while the words still exist
 };
 
-// One execution of a small concurrent program, stepped by a scheduler.
-// The program calls thread() and join(); its threads only touch Words and require().
-// Each step is one access to one Word; what a thread does between two accesses is not seen.
+// One execution of a small concurrent program, stepped by a scheduler. The program calls thread()
+// and join(); its threads only touch Words and require(). Each step is one access to one Word; the
+// walk ignores what a thread does in between.
 class Run {
 public:
     static constexpr std::size_t kNever = std::numeric_limits<std::size_t>::max();
 
-    /// Decides the schedule: called by join() after all threads stand before their first access.
+    /// Decides the schedule: join() calls it when every thread is about to make its first access.
     using Driver = std::function<void(Run&)>;
 
     Run(std::vector<Fiber>& fibers, Driver driver);
@@ -42,29 +42,29 @@ public:
     Run(const Run&) = delete;
     Run& operator=(const Run&) = delete;
 
-    /// Adds a thread. With `dies_after`, it stops for ever after that many accesses: nothing of it
-    /// is unwound, as if its process had been killed.
+    /// Adds a thread. With `dies_after`, it stops for ever after that many accesses: its stack is
+    /// not unwound, as if its process had been killed.
     void thread(std::string name, std::function<void()> body, std::size_t dies_after = kNever);
 
     /// Numbers a word before the threads do, so that its number does not depend on the schedule.
     void touch(Word& word) { identity(word); }
 
-    /// Runs the threads to their end. What follows in the program is the final check.
+    /// Runs the threads to their end. The program's code after it is the final check.
     void join();
 
     /// Leaves the program with a violation unless `holds`.
     static void require(bool holds, const char* text, const char* file, int line);
 
-    /// The thread that is being executed stops for ever, as with `dies_after`.
+    /// Stops the current thread for ever, as with `dies_after`.
     [[noreturn]] void die();
 
-    /// True once a thread has been killed.
+    /// Whether a thread was killed.
     [[nodiscard]] bool died(std::size_t thread) const { return threads_[thread].died; }
 
-    /// The run whose thread is being executed right now, or null.
+    /// The run whose thread is executing now, or null.
     static Run* inside_thread();
 
-    /// Number of the thread that is being executed, in the order of thread().
+    /// Number of the executing thread, in the order of thread().
     [[nodiscard]] std::size_t current() const { return current_; }
 
     // For Word and the drivers.
@@ -111,6 +111,6 @@ private:
 
 }  // namespace tfdb::sched
 
-/// Holds in every execution, or the walk prints the schedule that broke it.
+/// Must be true in every execution; otherwise the walk prints the violating schedule.
 #define SCHED_REQUIRE(expression) \
     ::tfdb::sched::Run::require(static_cast<bool>(expression), #expression, __FILE__, __LINE__)

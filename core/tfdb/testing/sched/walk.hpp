@@ -10,30 +10,30 @@
 
 namespace tfdb::sched {
 
-/// A concurrent program: builds fresh state, adds threads, joins them, checks the end. It must do
-/// the same each time when its threads are scheduled the same.
+/// A concurrent program: creates fresh state, adds threads, joins them, checks the result. It must
+/// be deterministic for a given schedule.
 using Program = std::function<void(Run&)>;
 
 struct Options {
     /// One representative per class of executions that differ only in the order of independent
-    /// steps. Off: every interleaving.
+    /// steps. False: every interleaving.
     bool reduce = true;
-    /// With a bound, only schedules that take the turn from a runnable thread at most so often:
-    /// no longer exhaustive. Switches the reduction off.
+    /// With a bound, only schedules with at most this many preemptions of a runnable thread: not
+    /// exhaustive. Disables the reduction.
     std::optional<unsigned> preemptions;
-    /// Past this the walk gives up, which fails the test.
+    /// Beyond this the walk gives up, which fails the test.
     std::uint64_t max_executions = 5'000'000;
-    /// Past this one execution is called endless, which is a violation.
+    /// Beyond this an execution counts as endless, which is a violation.
     std::size_t max_steps = 4'000;
-    /// False: an execution that deadlocks just ends there.
+    /// False: a deadlocked execution just ends.
     bool deadlock_is_violation = true;
     /// Called after each complete execution that is not redundant, deadlocked ones included.
     std::function<void(const Run&)> observe;
 };
 
 struct Outcome {
-    std::uint64_t executions = 0;  // all that were run, redundant ones included
-    std::uint64_t redundant = 0;   // found to repeat an earlier one, finished without branching
+    std::uint64_t executions = 0;  // including redundant ones
+    std::uint64_t redundant = 0;   // repeated an earlier one, finished without branching
     std::uint64_t deadlocks = 0;
     std::size_t longest = 0;  // steps
     bool complete = false;    // nothing is left to explore
@@ -44,24 +44,23 @@ struct Outcome {
     [[nodiscard]] bool exhaustive() const { return complete && !bounded; }
 };
 
-/// Walks the executions of `program` depth first, each one started anew.
+/// Explores the executions of `program` depth first, each from the start.
 Outcome explore(const Program& program, const Options& options = {});
 
-/// Whether walks go to their end, however long (`make proof`). Otherwise one of more than 50,000
-/// executions takes the turn from a runnable thread at most once.
+/// Whether walks run to their end, however long (`make proof`). Otherwise a walk of more than
+/// 50,000 executions preempts a runnable thread at most once.
 bool& to_the_end();
 
-// The walks of one test. Not thread safe; a failing expectation ends the test.
-// must_hold() passes only for an exhaustive walk, one that was bounded on purpose, or a long one
-// that to_the_end() does not ask for.
+// The walks of one test. Not thread safe; a failed expectation ends the test. must_hold() passes
+// only for an exhaustive walk, an intentionally bounded one, or a long one without to_the_end().
 class Walk {
 public:
     explicit Walk(Options options = {}) : options_(std::move(options)) {}
 
-    /// No execution violates anything, and none was left out.
+    /// No execution violates a requirement, and the walk is complete.
     void must_hold(const std::string& name, const Program& program);
 
-    /// Some execution violates a promise whose text contains `expected`: the proof that the
+    /// Some execution violates a requirement whose text contains `expected`: this proves that the
     /// checks can fail.
     void must_fail(const std::string& name, const std::string& expected, const Program& program);
 
@@ -92,7 +91,7 @@ void expect(bool holds, const char* text, const char* file, int line);
         ::tfdb::sched::add_test(#name, &tfdb_sched_##name);     \
     static void tfdb_sched_##name()
 
-/// Ends the test with a failure unless the expression holds. For the test's own frame; inside a
+/// Ends the test with a failure if the expression is false. For the test function itself; inside a
 /// walked program use SCHED_REQUIRE.
 #define SCHED_EXPECT(expression) \
     ::tfdb::sched::expect(static_cast<bool>(expression), #expression, __FILE__, __LINE__)

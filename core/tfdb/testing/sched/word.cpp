@@ -99,7 +99,7 @@ bool Word::can_perform(const Operation& operation, std::size_t thread) const {
     return operation.kind != Kind::kWake || std::any_of(wakeups_.begin(), wakeups_.end(), wakes);
 }
 
-/// A notify takes one of those that sleep at that moment; which one shows when one wakes.
+/// A notify wakes one of the threads asleep at that moment; the choice is made when one wakes.
 void Word::queue_perform(Kind kind, std::size_t thread) {
     if (kind == Kind::kNotifyOne && asleep_ != 0) {
         wakeups_.push_back(asleep_);

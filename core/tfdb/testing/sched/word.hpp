@@ -11,7 +11,7 @@ namespace tfdb::sched {
 
 class Word;
 
-/// What a thread does to a word. The memory orders are kept for the printed schedule only.
+/// A thread's access to a word. The memory orders are kept only for the printed schedule.
 enum class Kind : std::uint8_t {
     kLoadRelaxed,
     kLoadAcquire,
@@ -27,7 +27,7 @@ enum class Kind : std::uint8_t {
     kNotifyAll,
 };
 
-/// One access as announced, before it has happened.
+/// An access as announced, before it happens.
 struct Operation {
     Kind kind;
     Word* word;
@@ -35,33 +35,33 @@ struct Operation {
     std::uint64_t expected;  // of a compare-exchange; for a wait: the value that blocks
 };
 
-/// What an access did.
+/// The effect of an access.
 struct Effect {
     std::uint64_t before;
     std::uint64_t after;
     bool stored;
 };
 
-/// The spelling that a schedule shows, for example "store.release".
+/// The name in a schedule, for example "store.release".
 const char* spelling(Kind kind);
 
-/// True for loads and waits: no other thread can tell that they happened.
+/// True for loads and waits: other threads cannot observe them.
 bool only_reads(Kind kind);
 
-// Comes between a thread and its words: how a test seeds a bug without touching the protocol.
-// Called by the walked threads only. It does what it wants with the access, or passes it on.
+// Intercepts a thread's accesses: a test seeds a bug without changing the protocol. Called only by
+// walked threads. It may change, drop or forward the access.
 class Interceptor {
 public:
     virtual ~Interceptor() = default;
     virtual Effect access(Word& word, const Operation& operation) = 0;
 };
 
-// A shared word whose every access is a point where the walk may switch threads.
-// Any walked thread may call all; outside a running walk the accesses happen directly.
-// Sequentially consistent: weaker orders are accepted and recorded, Relacy judges those.
+// A shared word: the walk may switch threads at each access. Any walked thread may call all
+// functions; outside a running walk the accesses happen directly. Sequentially consistent: weaker
+// orders are accepted and recorded, and Relacy checks them.
 class Word {
 public:
-    /// `name` is a literal; a number other than zero is shown behind it.
+    /// `name` is a literal; a nonzero number is printed after it.
     explicit Word(std::uint64_t value = 0, const char* name = nullptr)
         : value_(value), name_(name) {}
     Word(const Word&) = delete;
@@ -84,7 +84,8 @@ public:
         return access({Kind::kFetchAdd, this, value, 0}).before;
     }
 
-    // What stands in one total order anyway here, and fences that have nothing to order.
+    // The walk is one total order already, so these need no separate operation; fences order
+    // nothing.
     [[nodiscard]] std::uint64_t load_ordered() const { return read(Kind::kLoadAcquire); }
     bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) {
         return compare_exchange(expected, desired);
@@ -94,12 +95,12 @@ public:
     static void fence_full() {}
     static void fence_full_after_exchange() {}
 
-    /// Not runnable while the word holds `blocked`; returns the value that let it go on.
+    /// Not runnable while the word holds `blocked`; returns the value that unblocked it.
     std::uint64_t wait_while(std::uint64_t blocked) {
         return access({Kind::kWait, this, 0, blocked}).before;
     }
 
-    /// std::atomic::wait and notify_one, lost wake-ups included: who sleeps needs a notify.
+    /// std::atomic::wait and notify_one, including lost wake-ups: a sleeper needs a notify.
     void wait(std::uint64_t old) const {
         Word& self = const_cast<Word&>(*this);
         while (self.access({Kind::kFallAsleep, &self, 0, old}).stored) {
@@ -109,7 +110,7 @@ public:
     void notify_one() { access({Kind::kNotifyOne, this, 0, 0}); }
     void notify_all() { access({Kind::kNotifyAll, this, 0, 0}); }
 
-    /// A futex without signals. Short sleeps are over at once; others last until somebody wakes.
+    /// A futex without signals. Short sleeps end at once; others last until a wake.
     sync::Woken sleep(std::uint64_t old, std::int64_t longest_ns) const {
         if (longest_ns == 1) {
             (void)load_relaxed();
@@ -121,10 +122,10 @@ public:
     void wake_one() { notify_one(); }
     void wake_all() { notify_all(); }
 
-    /// The value, without being a step of the schedule: for the walker and for final checks.
+    /// The value, without a step of the schedule: for the walker and for final checks.
     [[nodiscard]] std::uint64_t peek() const { return value_; }
 
-    /// The access as it is, past any interceptor.
+    /// The access itself, bypassing any interceptor.
     Effect access_directly(const Operation& operation);
     void intercept(Interceptor* interceptor) { interceptor_ = interceptor; }
 
@@ -152,7 +153,7 @@ private:
     std::uint32_t run_ = 0;               // the execution in which `identity_` was given
     std::uint32_t identity_ = 0;          // order of first access in that execution
     std::uint32_t asleep_ = 0;            // threads in the queue of wait()
-    std::vector<std::uint32_t> wakeups_;  // for each notify: who may be the one that it woke
+    std::vector<std::uint32_t> wakeups_;  // for each notify: the threads that it may have woken
 };
 
 }  // namespace tfdb::sched
