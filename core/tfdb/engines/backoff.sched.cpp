@@ -1,4 +1,4 @@
-// Sessions that back off from each other: how long, and that they do not stay in step.
+// Sessions that back off from each other: the length of their pauses, and that they lose step.
 #include "tfdb/engines/backoff.hpp"
 
 #include <string>
@@ -13,7 +13,7 @@ using sched::Program;
 using sched::Run;
 using sched::Walk;
 
-/// What the pauses of the thread that runs were made of; a walk runs one thread at a time.
+/// The parts of the current thread's pauses; a walk runs one thread at a time.
 struct Spent {
     std::uint64_t spins = 0;
     std::uint64_t yields = 0;
@@ -27,7 +27,7 @@ struct RecordingPause {
     static void sleep(std::uint32_t nanoseconds) { g_spent.slept += nanoseconds; }
 };
 
-/// A pause that grows with every one, as if there were no bound.
+/// A pause that grows without a bound.
 struct UnboundedPause : RecordingPause {
     static void sleep(std::uint32_t nanoseconds) { g_spent.slept += g_spent.slept + nanoseconds; }
 };
@@ -40,8 +40,8 @@ Spent pause_once(BasicBackoff<Pause>& backoff) {
     return {g_spent.spins, g_spent.yields, g_spent.slept - before};
 }
 
-/// Two that want both locks, in opposite order, and never wait for one: each gives back what it
-/// has, pauses and tries again, at most so often that the walk ends.
+/// Two threads that need both locks, in opposite order, and never wait for one: each releases its
+/// locks, pauses and retries, at most so often that the walk ends.
 template <class Pause>
 Program crossed(std::uint64_t tries) {
     return [tries](Run& run) {
@@ -57,7 +57,7 @@ Program crossed(std::uint64_t tries) {
             run.thread("session" + std::to_string(first), [&, first] {
                 BasicBackoff<Pause> backoff(first);
                 for (int step = 0; step < 8; ++step)
-                    backoff.pause();  // it has lost a few times already: spins are over
+                    backoff.pause();  // it has failed a few times already: no more spins
                 for (std::uint64_t i = 0; i < tries; ++i) {
                     if (take(locks[first])) {
                         const bool both = take(locks[1 - first]);
@@ -79,7 +79,7 @@ Program crossed(std::uint64_t tries) {
     };
 }
 
-/// Rounds until two that always meet if they pause equally long have come apart.
+/// The number of rounds until two threads that collide after equal pauses have diverged.
 int rounds_in_step(std::uint64_t one_seed, std::uint64_t other_seed) {
     BasicBackoff<RecordingPause> one(one_seed);
     BasicBackoff<RecordingPause> other(other_seed);
@@ -110,7 +110,7 @@ TFDB_SCHED(backoff_brings_sessions_apart) {
     std::printf("  %llu seeds, each against each: apart after at most %d rounds\n",
                 static_cast<unsigned long long>(kSeeds), longest);
     SCHED_EXPECT(longest <= 10);
-    SCHED_EXPECT(rounds_in_step(7, 7) == 100);  // the same seed: what jitter is for
+    SCHED_EXPECT(rounds_in_step(7, 7) == 100);  // the same seed: no jitter
 }
 
 }  // namespace tfdb::sync

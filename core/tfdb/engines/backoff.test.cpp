@@ -7,7 +7,7 @@
 namespace tfdb::sync {
 namespace {
 
-/// What the last pause was made of.
+/// The parts of the last pause.
 struct Spent {
     std::uint64_t spins = 0;
     std::uint64_t yields = 0;

@@ -1,5 +1,5 @@
-// The three defects of the published TF-Par code, in every engine: a retry that keeps what the
-// first attempt had composed, an early exit that drops the edge below an ancestor, upgrades that
+// The three defects of the published TF-Par code, in every engine: a retry that keeps the first
+// attempt's composed poses, an early exit that drops the edge below an ancestor, upgrades that
 // deadlock.
 #include <set>
 
@@ -40,7 +40,7 @@ Pose between(int a, int b, int generation) {
     return pose;
 }
 
-/// Each edge once, in the order of the path, and no other.
+/// Each edge of the path once, in order, and no other.
 bool reports_the_path(const Buffer& buffer, const Answer& answer, int above, int below) {
     std::set<std::string> names;
     for (const EdgeUse& use : answer.edges)
@@ -51,8 +51,8 @@ bool reports_the_path(const Buffer& buffer, const Answer& answer, int above, int
     return all && answer.edges.size() == static_cast<std::size_t>(below - above);
 }
 
-/// Deep lookups beside writers of the whole path, until enough of them had to begin again; one
-/// Answer serves them all, as one accumulator does.
+/// Deep lookups beside writers of the whole path, until enough of them were repeated; all of them
+/// reuse one Answer, as one accumulator.
 std::uint64_t lookups_that_begin_again(Concurrency engine) {
     constexpr int kMost = 4'000;
     Buffer buffer(options_of(engine, 30));
@@ -76,7 +76,7 @@ std::uint64_t lookups_that_begin_again(Concurrency engine) {
                            answer, failure);
             wrong += !found || !reports_the_path(buffer, answer, 0, kDepth);
             if (engine == Concurrency::kFine || !found)
-                continue;  // mixes generations, and may
+                continue;  // it may mix generations
             const int generation = static_cast<int>(answer.edges.front().before / 10);
             const Pose pose = down ? answer.pose : geometry::inverse(answer.pose);
             wrong += apart(pose, between(0, kDepth, generation)) > 1e-6;
@@ -115,8 +115,8 @@ void ancestors(Source& from, const Buffer& names, int generation) {
     }
 }
 
-/// Transactions that read one frame and then write it, each from the same read lock, beside readers
-/// of that frame: no thread waits for ever, and no increment is lost.
+/// Transactions that read one frame and then write it, each starting from the same read lock,
+/// beside readers of that frame: no thread waits for ever, and no increment is lost.
 void upgrades(Concurrency engine) {
     constexpr int kEach = 60;
     Buffer buffer(options_of(engine, 1000));
@@ -131,7 +131,7 @@ void upgrades(Concurrency engine) {
                 const int seen = whole(newest(tx, Direction::kUp, "map", "x"));
                 const Pose below = newest(tx, Direction::kDown, "map", "y");
                 const Pose expected = geometry::compose(pose_of(seen), pose_of(5));
-                if (engine != Concurrency::kFine)  // which may not repeat the read
+                if (engine != Concurrency::kFine)  // it may not repeat the read
                     CHECK(apart(below, expected) < 1e-6);
                 if (first && i == 0)
                     meeting.meet(2);

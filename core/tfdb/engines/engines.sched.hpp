@@ -28,7 +28,8 @@ using forest::ForestMemory;
 using forest::WalkedForest;
 using Item = PlainBatch<ForestMemory>::Item;
 
-// Frames are numbered as they come; map <- odom <- base at 10, each edge's sample of step 0.
+// Frames are numbered in order of creation; map <- odom <- base at 10, each edge's sample of step
+// 0.
 inline constexpr FrameId kMap = 0;
 inline constexpr FrameId kOdom = 1;
 inline constexpr FrameId kBase = 2;
@@ -37,7 +38,7 @@ inline void require(bool holds, const char* text) {
     sched::Run::require(holds, text, "engines", 0);
 }
 
-/// The rule of a session of two-phase locking; others ignore it.
+/// The lock rule of a two-phase locking session; other engines ignore it.
 template <class S>
 constexpr LockRule rule_of() {
     if constexpr (requires { S::kRule; })
@@ -46,14 +47,14 @@ constexpr LockRule rule_of() {
         return {};
 }
 
-// The store of one execution. The walked threads only call `read`, `write` and their kin, each with
-// its own number.
+// The store of one execution. The walked threads only call `read`, `write` and similar functions,
+// each with its own number.
 template <class S>
 struct Stage {
     Stage() {
         forest::name_words(store);
         (void)store.apply(chain(10), 0);
-        (void)store.apply(chain(11), 1);  // room for what comes is there, as it usually is
+        (void)store.apply(chain(11), 1);  // reserves space for the following samples, as is typical
         shared.event_word.rename("event", 0);
         shared.gate.gate().rename("gate", 0);
         for (unsigned slot = 0; slot < SyncTuning<ForestMemory>::kSlots; ++slot) {
@@ -88,8 +89,8 @@ struct Stage {
         require(answer.edges[0].before == answer.edges[1].before, "both edges of one batch");
     }
 
-    /// One batch on both edges. `frames` in the order in which they are to be locked. `breaks`:
-    /// memory is too short for the second edge's samples, so the commit number stays as it is.
+    /// One batch on both edges. `frames` in locking order. `breaks`: memory is too short for the
+    /// second edge's samples, so the commit number does not change.
     CommitNumber write(unsigned thread, StampNs stamp,
                        const std::vector<FrameId>& frames = {kOdom, kBase}, bool breaks = false) {
         S session(shared, in_slot(thread));
@@ -123,7 +124,8 @@ struct Stage {
         }
     }
 
-    /// Reads one edge's newest stamp and stores the next one: two of these must not see the same.
+    /// Reads one edge's newest stamp and stores the next one: two calls must not read the same
+    /// stamp.
     void increment(unsigned thread, FrameId child) {
         S session(shared, in_slot(thread));
         (void)write_through(
@@ -140,7 +142,7 @@ struct Stage {
                 return beside(session, batch, number, [](const Item&) {});
             },
             [&] {
-                // What was read beside others counts for nothing here.
+                // Earlier concurrent reads are void here.
                 StampNs newest = 0;
                 require(newest_of(session, child, newest), "who is alone is not refused");
                 const auto& name = child == kOdom ? "odom" : "base";
@@ -150,7 +152,7 @@ struct Stage {
             });
     }
 
-    /// A new frame, and both edges in the same commit: alone.
+    /// A new frame, and both edges in the same commit: runs alone.
     void extend(unsigned thread) {
         S session(shared, in_slot(thread));
         session.begin(Mode::kAlone);
@@ -182,8 +184,8 @@ private:
     [[nodiscard]] history::EdgeSegments<ForestMemory> edge(FrameId id) const {
         return {store.frames.memory(), store.frames.header(id)};
     }
-    // Of a frame's lock: the first two slots, waited for, exclusive; of a version's: locked, waited
-    // for.
+    // Bits of a frame lock's word: the first two slots, waited for, exclusive. Bits of a version:
+    // locked, waited for.
     static constexpr std::uint64_t kLockBits = 3 | std::uint64_t{3} << 62;
 
     template <class Stored>
@@ -215,7 +217,7 @@ using Body = std::function<void(Stage<S>&, unsigned thread)>;
 template <class S>
 using MakeFlaw = std::function<std::unique_ptr<sched::Interceptor>(Stage<S>&)>;
 
-/// One thread per body; `flaw` lies between all threads and the words that it was given.
+/// One thread per body; `flaw` intercepts all threads' accesses to its words.
 template <class S>
 sched::Program acted(const std::vector<Body<S>>& bodies,
                      const std::function<void(Stage<S>&)>& at_the_end,
@@ -264,7 +266,7 @@ inline sched::Walk bounded(unsigned preemptions) {
     return sched::Walk(options);
 }
 
-/// The cases that every engine which isolates must stand. `upgrades` walks what has most steps.
+/// The cases for every isolating engine. `upgrades` has the most steps.
 template <class S>
 void must_stand(const std::vector<FrameId>& other_order, sched::Walk upgrades = sched::Walk()) {
     sched::Walk walk;
@@ -290,7 +292,7 @@ void must_stand(const std::vector<FrameId>& other_order, sched::Walk upgrades = 
                    acted<S>({writer<S>(20), extender<S>()}, newest_is<S>(30, 30, 8)));
 }
 
-// One thread takes some locks only in its imagination. Made anew for each execution.
+// One thread only pretends to take some locks. Create one per execution.
 class Pretends : public sched::Interceptor {
 public:
     Pretends(std::size_t thread, sched::Which which) : thread_(thread), which_(std::move(which)) {}
@@ -307,7 +309,7 @@ private:
     sched::Which which_;
 };
 
-// Loads of some words find what `lie` makes of them. Made anew for each execution.
+// `lie` changes the loads of some words. Create one per execution.
 class Lies : public sched::Interceptor {
 public:
     using Lie = std::function<std::uint64_t(std::uint64_t)>;
@@ -325,7 +327,7 @@ private:
     Lie lie_;
 };
 
-/// The lock's word of one frame, or of both.
+/// The lock word of one frame, or of both.
 template <class S>
 sched::Which lock_of(Stage<S>& stage, FrameId id) {
     return [word = &stage.store.frames.word(id, history::kLock)](const sched::Word& at) {
@@ -340,7 +342,7 @@ sched::Which locks_of(Stage<S>& stage) {
     };
 }
 
-/// The flaw lies between the threads and the region.
+/// The flaw intercepts the threads' accesses to the region.
 template <class S, class Make>
 MakeFlaw<S> in_region(Make make) {
     return [=](Stage<S>& stage) -> std::unique_ptr<sched::Interceptor> {

@@ -1,5 +1,5 @@
-// Every engine, in one program: right answers, whole batches, no starved thread, no lock left
-// behind.
+// Every engine, in one program: correct answers, complete batches, no starved thread, no leaked
+// lock.
 #include <atomic>
 #include <cmath>
 #include <functional>
@@ -39,12 +39,12 @@ const std::string& joint(std::size_t i) {
     return names[i];
 }
 
-/// A turn by `angle` around z and a step of one along x: a joint of an arm.
+/// A rotation by `angle` about z and a step of one along x: a joint of an arm.
 Pose turned(double angle) {
     return {{1, 0, 0}, {0, 0, std::sin(angle / 2), std::cos(angle / 2)}};
 }
 
-/// Counts its writer out, also when that throws.
+/// Decrements the writer count, even if the writer throws.
 class Leaving {
 public:
     explicit Leaving(std::atomic<int>& writing) : writing_(writing) {}
@@ -54,7 +54,7 @@ private:
     std::atomic<int>& writing_;
 };
 
-/// A pose of nothing but a shift: those of a path add up.
+/// A pure translation: those of a path add up.
 Pose shifted(double x) {
     return {{x, 1, 2}, {0, 0, 0, 1}};
 }
@@ -108,7 +108,7 @@ TFDB_TEST(engines_take_late_moved_removed_and_cleared_samples) {
         CHECK_EQ(number_of(buffer.lookup_transform("odom", "base", 160).pose), 160);
         CHECK_EQ(number_of(buffer.lookup_transform("map", "base", 150).pose), 150);
         set(buffer, "odom", "base", 170, pose_of(170));
-        set(buffer, "odom", "base", 155, pose_of(155));  // before the first one of this parent
+        set(buffer, "odom", "base", 155, pose_of(155));  // before the first sample of this parent
         CHECK_EQ(number_of(buffer.lookup_transform("odom", "base", 155).pose), 155);
         CHECK(buffer.clear() == buffer.commit());
         CHECK(THROWN(Disconnected, buffer.lookup_transform("odom", "base", 160)));
@@ -135,7 +135,7 @@ TFDB_TEST(engines_name_unknown_frames_and_stale_handles) {
         CHECK_EQ(buffer.latest_common_time("map", "base"), kSecond);
         CHECK(identical(buffer.lookup_transform_full("map", kSecond, "base", {}, "map").pose,
                         pose_of(1)));
-        // The slot goes to another frame of the same name, and then the handle is stale.
+        // Another frame of the same name gets the slot, so the handle is stale.
         buffer.remove_frame("base", false);
         set(buffer, "map", "base", kSecond, pose_of(2));
         base.generation += 100;
@@ -146,8 +146,8 @@ TFDB_TEST(engines_name_unknown_frames_and_stale_handles) {
 }
 
 TFDB_TEST(engines_store_batches_whole_beside_readers) {
-    // Shifts along a path of four edges that one batch revises: they add up to nought. Two writers,
-    // opposite orders; two readers, opposite directions.
+    // Translations along a path of four edges that one batch changes: they add up to zero. Two
+    // writers in opposite orders; two readers in opposite directions.
     constexpr int kWrites = 4'000;
     for (const Concurrency engine : kEngines) {
         Buffer buffer(of(engine, std::nullopt));
@@ -283,8 +283,8 @@ TFDB_TEST(engines_refuse_what_does_not_fit_and_stay_as_they_were) {
 }
 
 TFDB_TEST(engines_starve_neither_a_long_reader_nor_wide_writers) {
-    // A reader of 1000 edges beside four writers of whole rows of them, all flat out until it has
-    // its answers: it ends, because after a bounded number of attempts it goes alone.
+    // A reader of 1000 edges beside four writers of whole rows of them, all at full speed until it
+    // has its answers. It ends because it runs alone after a bounded number of attempts.
     constexpr std::size_t kEdges = 1000;
     constexpr int kReads = 20;
     for (const Concurrency engine : kEngines) {

@@ -1,4 +1,4 @@
-// The engines' event in the C++ memory model: a waiter that is never woken shows as a livelock.
+// The engines' event in the C++ memory model: a lost wake-up shows as a livelock.
 #include "tfdb/engines/event.hpp"
 
 // After all others: it redefines `assert` and more.
@@ -8,7 +8,7 @@ namespace tfdb::sync {
 
 namespace {
 
-/// Two wait until a third has done its part; `Waiters` and the rest work.
+/// Two threads wait until a third has done its part; `Waiters` and the rest work.
 template <unsigned Waiters, unsigned Workers>
 struct Events : rl::test_suite<Events<Waiters, Workers>, Waiters + Workers> {
     relacy::Word word;

@@ -1,4 +1,4 @@
-// Every interleaving of the event count, and of what it would be with one of its atoms broken.
+// Every interleaving of the event count, and of the event count with one atomic operation broken.
 #include "tfdb/engines/event.hpp"
 
 #include <string>
@@ -15,7 +15,7 @@ using sched::Run;
 using sched::Walk;
 using namespace flaws;
 
-/// As many wait until as many others have done their part.
+/// Each waiter waits until as many workers have done their part.
 template <class W, int Spins>
 Program counted(int waiters, int workers) {
     return [=](Run& run) {
@@ -40,7 +40,7 @@ Program counted(int waiters, int workers) {
     };
 }
 
-/// The change still lies in the worker's store buffer when it looks whether somebody waits.
+/// The change is still in the worker's store buffer when it checks for waiters.
 Program buffered() {
     return [](Run& run) {
         sched::Word word(0, "event");
@@ -57,13 +57,13 @@ Program buffered() {
             done.store_release(1);
             BasicEvent<sched::Word, 0>(word).notify_all();
             std::uint64_t any = 0;
-            word.compare_exchange(any, any);  // the store buffer is empty at last
+            word.compare_exchange(any, any);  // drains the store buffer
         });
         run.join();
     };
 }
 
-/// A waiter that looks first and prepares then.
+/// A waiter that checks first and prepares afterwards.
 Program looks_too_early() {
     return [](Run& run) {
         sched::Word word(0, "event");
@@ -81,7 +81,7 @@ Program looks_too_early() {
     };
 }
 
-/// Counts waiters, and never moves on: who was told sleeps again.
+/// Counts waiters, but never advances the epoch: a notified thread sleeps again.
 struct StuckEpoch : sched::Word {
     std::uint64_t fetch_add(std::uint64_t delta) {
         return sched::Word::fetch_add(delta == 0x1'0000 ? 0 : delta);

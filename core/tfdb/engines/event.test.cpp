@@ -48,7 +48,7 @@ TFDB_TEST(event_that_nobody_waits_for_stays_as_it_is) {
     CHECK_EQ(word.load_relaxed(), 0U);
     const Event::Epoch epoch = event.prepare();
     event.notify_all();
-    event.wait(epoch);  // told already: does not sleep
+    event.wait(epoch);  // already notified: does not sleep
     const Event::Epoch later = event.prepare();
     CHECK(later != epoch);
     event.cancel();

@@ -1,4 +1,4 @@
-// Every interleaving of locks on single frames, and of what it would be with a promise broken.
+// Every interleaving of locks on single frames, and with a broken promise.
 #include "tfdb/engines/fine.hpp"
 
 #include "tfdb/engines/engines.sched.hpp"
@@ -9,7 +9,7 @@ namespace {
 
 using S = FineSession<ForestMemory>;
 
-/// Reads one edge: its newest sample is whole.
+/// Reads one edge: its newest sample is consistent.
 Body<S> reader_of_one() {
     return [](Stage<S>& stage, unsigned thread) {
         S session(stage.shared, Stage<S>::in_slot(thread));
@@ -33,7 +33,7 @@ TFDB_SCHED(fine_keeps_single_frames_whole) {
                    acted<S>({reader_of_one(), writer<S>(20)}, newest_is<S>(20, 20, 6)));
     walk.must_hold("a reader beside one who is alone",
                    acted<S>({reader<S>(), extender<S>()}, newest_is<S>(30, 30, 6)));
-    // Each locks every frame twice, for its room and for its sample.
+    // Each thread locks every frame twice, to reserve space and to store its sample.
     sched::Walk few = bounded(2);
     few.must_hold("two writers", acted<S>({writer<S>(20), writer<S>(21)}, newest_is<S>(21, 21, 8)));
     walk.must_hold("a writer beside one who is alone",

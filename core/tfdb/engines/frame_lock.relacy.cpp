@@ -1,5 +1,5 @@
-// The frame lock and its event in the C++ memory model: what the lock guards is a plain variable,
-// and a waiter that is never woken shows as a livelock.
+// The frame lock and its event in the C++ memory model: the guarded data are a plain variable, and
+// a lost wake-up shows as a livelock.
 #include "tfdb/engines/frame_lock.hpp"
 
 #include "tfdb/engines/event.hpp"
@@ -61,7 +61,7 @@ struct Frames : rl::test_suite<Frames<Writers, Readers>, Writers + Readers>, Fra
     }
 };
 
-/// One reads first and writes then; the others only read.
+/// One thread reads first and then writes; the others only read.
 struct Upgrades : rl::test_suite<Upgrades, 3>, Frame {
     void before() { guarded($) = 0; }
     void thread(unsigned index) {
@@ -76,7 +76,7 @@ struct Upgrades : rl::test_suite<Upgrades, 3>, Frame {
     void after() { RL_ASSERT(guarded($) == 1); }
 };
 
-/// A sleeper is told to give up, while the lock stays held.
+/// A sleeper must give up while the lock stays held.
 struct Wounds : rl::test_suite<Wounds, 2>, Frame {
     relacy::Word wounded;
 
@@ -109,7 +109,7 @@ TFDB_TEST(frame_lock_holds_in_the_memory_model) {
 TFDB_TEST(frame_lock_needs_its_orders) {
     relacy::needs<Frames<2, 0>>("acquire and release of updates", {.relaxed_updates = true});
     relacy::needs<Wounds>("the event's full fences", {.no_full_fence = true});
-    // Who releases comes after who marked the lock, on the lock's own word: no fence needed.
+    // The release follows the mark in the lock's own word: no fence is needed.
     relacy::holds<Frames<2, 1>>("without the event's full fences", {.no_full_fence = true});
 }
 

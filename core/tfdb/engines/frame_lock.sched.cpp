@@ -1,5 +1,5 @@
-// Every interleaving of the frame lock with its event, and of what it would be with one of its
-// atoms broken.
+// Every interleaving of the frame lock with its event, and of the lock with one atomic operation
+// broken.
 #include "tfdb/engines/frame_lock.hpp"
 
 #include <string>
@@ -23,7 +23,7 @@ bool never() {
 }
 
 /// One frame, the event of its store, and two words that only change together. The event's word is
-/// sound: event.sched.cpp walks it.
+/// correct: event.sched.cpp walks it.
 template <class W>
 struct Scene {
     using Event = BasicEvent<sched::Word, 0>;
@@ -65,7 +65,7 @@ struct Cast {
     unsigned readers;
 };
 
-/// Writers write, readers look; all get their turn.
+/// Writers write, readers read; all of them get the lock.
 template <class W>
 Program shared_and_exclusive(Cast cast) {
     return [cast](Run& run) {
@@ -93,7 +93,7 @@ Program shared_and_exclusive(Cast cast) {
     };
 }
 
-/// A refused thread goes away.
+/// A refused thread withdraws.
 template <class W>
 Program tried(Cast cast) {
     return [cast](Run& run) {
@@ -121,7 +121,7 @@ Program tried(Cast cast) {
     };
 }
 
-/// One reads first and then wants to write: it must wait for the others that read.
+/// One thread reads and then upgrades: it must wait for the other readers.
 template <class W>
 Program upgraded(unsigned readers) {
     return [readers](Run& run) {
@@ -146,7 +146,7 @@ Program upgraded(unsigned readers) {
     };
 }
 
-/// Two that read and both want to write: who is refused the upgrade gives up, as an engine must.
+/// Two readers that both upgrade: the refused one gives up, as an engine must.
 template <class W>
 Program both_upgrade() {
     return [](Run& run) {
@@ -172,7 +172,7 @@ Program both_upgrade() {
     };
 }
 
-/// A sleeper that is told to give up does so, though the lock stays held.
+/// A sleeper that must give up does so, although the lock stays held.
 Program told_to_give_up(bool tells) {
     return [tells](Run& run) {
         Scene<sched::Word> scene;
@@ -208,7 +208,7 @@ struct SplitGrant : SplitCompareExchange {
     }
 };
 
-/// A waiter's mark that is lost: the lock looks as if no thread waited.
+/// Loses a waiter's mark: the lock looks as if no thread waited.
 struct ForgetsWaiters : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         const bool marks = (desired & Lock::kWaited) != 0;
@@ -216,7 +216,7 @@ struct ForgetsWaiters : sched::Word {
     }
 };
 
-/// A waiter that marks a lock which is free by then.
+/// A waiter that marks a lock that is already free.
 struct MarksBlindly : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         if ((desired & Lock::kWaited) != 0)
@@ -226,7 +226,7 @@ struct MarksBlindly : sched::Word {
     }
 };
 
-/// Grants an upgrade beside another reader, as if shared and exclusive went together.
+/// Grants an upgrade beside another reader, as if shared and exclusive were compatible.
 struct BlindToReaders : sched::Word {
     [[nodiscard]] std::uint64_t load_relaxed() const {
         const std::uint64_t found = sched::Word::load_relaxed();

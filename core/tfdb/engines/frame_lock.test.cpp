@@ -57,11 +57,11 @@ TFDB_TEST(frame_lock_tells_who_leaves_whether_somebody_waits) {
         CHECK(lock.try_shared(slot).granted);
     const auto refused = lock.try_exclusive(4);
     CHECK(lock.mark_waited(refused));
-    CHECK(!lock.mark_waited(refused));   // it has changed since
-    CHECK(lock.try_shared(5).waited());  // granted all the same
+    CHECK(!lock.mark_waited(refused));   // the lock has changed since
+    CHECK(lock.try_shared(5).waited());  // granted nevertheless
     CHECK(!lock.release(5));
     CHECK(!lock.release(1));  // two holders are left
-    CHECK(lock.release(2));   // slot 3 may be who waits, for an upgrade
+    CHECK(lock.release(2));   // slot 3 may be waiting for an upgrade
     CHECK(!lock.release(3));
     CHECK_EQ(word.load_relaxed(), 0U);
 }

@@ -1,5 +1,5 @@
-// The gate in the C++ memory model: what guests and a closer touch are plain variables, so any
-// missing order is a data race that Relacy reports.
+// The gate in the C++ memory model: guests and a closer access plain variables, so Relacy reports
+// any missing order as a data race.
 #include "tfdb/engines/gate.hpp"
 
 // After all others: it redefines `assert` and more.
@@ -9,7 +9,7 @@ namespace tfdb::sync {
 
 namespace {
 
-/// Two guests with a slot each beside a closer, all of them twice.
+/// Two guests with a slot each and a closer, each of them twice.
 template <int Spins>
 struct Gates : rl::test_suite<Gates<Spins>, 3> {
     static constexpr unsigned kGuests = 2;

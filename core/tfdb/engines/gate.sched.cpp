@@ -1,4 +1,4 @@
-// Every interleaving of threads at the gate, and of what it would be with one of its atoms broken.
+// Every interleaving of threads at the gate, and of the gate with one atomic operation broken.
 #include "tfdb/engines/gate.hpp"
 
 #include <string>
@@ -36,7 +36,7 @@ struct Cast {
     unsigned closers;
 };
 
-/// What guests and closers do, on a gate and on words that show who is where.
+/// The program of guests and closers, on a gate and on words that show their positions.
 template <class W, unsigned Slots, int Spins>
 struct Scene {
     BasicGate<W, Slots, Spins> gate;
@@ -86,8 +86,8 @@ Program gathered(Cast cast) {
     };
 }
 
-/// A thread's claim of slot 0, or its closing of the gate, still lies in its store buffer when it
-/// looks at the other word.
+/// A thread's claim of slot 0, or its closing of the gate, is still in its store buffer when it
+/// reads the other word.
 Program buffered(bool guest) {
     return [guest](Run& run) {
         Scene<sched::Word, 1, 1> scene;
@@ -111,7 +111,7 @@ Program buffered(bool guest) {
     };
 }
 
-/// A thread that a closing has turned away is in before the next one.
+/// A thread that was turned away by a closing enters before the next one.
 template <class W>
 Program turned_away() {
     return [](Run& run) {
@@ -137,7 +137,7 @@ Program turned_away() {
     };
 }
 
-/// Closes although somebody was turned away.
+/// Closes although a thread was turned away.
 struct Barging : sched::Word {
     bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) {
         expected = load_acquire() & ~std::uint64_t{1};
@@ -145,7 +145,7 @@ struct Barging : sched::Word {
     }
 };
 
-/// Looks at a slot once, when the gate is not closed yet, so to speak.
+/// Checks a slot only once, before the gate is closed.
 struct Careless : sched::Word {
     [[nodiscard]] std::uint64_t load_ordered() const { return 0; }
 };

@@ -8,7 +8,7 @@
 namespace tfdb::sync {
 namespace {
 
-/// Guests count in words of their slots; closers touch plain data, which ThreadSanitizer watches.
+/// Guests count in words of their slots; closers access plain data, which ThreadSanitizer checks.
 template <class G>
 void crowd(unsigned guests, unsigned closers, std::uint64_t rounds) {
     G gate;

@@ -1,4 +1,4 @@
-// Every interleaving of the one mutex, and of what it would be with a promise broken.
+// Every interleaving of the single mutex, and with a broken promise.
 #include "tfdb/engines/giant.hpp"
 
 #include "tfdb/engines/engines.sched.hpp"
@@ -17,7 +17,7 @@ TFDB_SCHED(giant_stands) {
 
 TFDB_SCHED(giant_flaws_are_found) {
     sched::Walk walk;
-    // A reader without it would see one state all the same: edges keep what a snapshot needs.
+    // A reader without the mutex would still see one state: edges keep what a snapshot needs.
     walk.must_fail("a writer without the mutex", "engines:0: ",
                    acted<S>({writer<S>(20), writer<S>(30)}, newest_is<S>(30, 30, 8),
                             in_region<S>([](Stage<S>& stage) {

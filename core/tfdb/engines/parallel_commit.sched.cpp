@@ -1,5 +1,5 @@
-// Every interleaving of commits beside others with what reads without any lock, and of those
-// that find no memory.
+// Every interleaving of concurrent commits with lock-free readers, and of commits that run out of
+// memory.
 #include "tfdb/engines/parallel_commit.hpp"
 
 #include "tfdb/engines/engines.sched.hpp"
@@ -10,8 +10,8 @@ namespace tfdb::txn::engines {
 
 namespace {
 
-/// A batch that finds no memory once the first edge has grown: nothing is stored, and no commit
-/// is made.
+/// A batch that runs out of memory after the first edge has grown: nothing is stored, and no commit
+/// happens.
 template <class S>
 Body<S> breaker(StampNs stamp) {
     return [=](Stage<S>& stage, unsigned thread) {

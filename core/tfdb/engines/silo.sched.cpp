@@ -1,4 +1,4 @@
-// Every interleaving of the optimistic engine, and of what it would be with a promise broken.
+// Every interleaving of the optimistic engine, and with a broken promise.
 #include "tfdb/engines/silo.hpp"
 
 #include "tfdb/engines/engines.sched.hpp"
@@ -9,8 +9,7 @@ namespace {
 
 using S = SiloSession<ForestMemory>;
 
-// One thread takes what it saw first of a word for what it holds ever after. Made anew for each
-// execution.
+// One thread keeps the first value that it loads of a word. Create one per execution.
 class Believes : public sched::Interceptor {
 public:
     Believes(std::size_t thread, sched::Which which) : thread_(thread), which_(std::move(which)) {}
@@ -29,7 +28,7 @@ private:
     std::optional<std::uint64_t> first_;
 };
 
-// A version that was given stays the same after the next write. Made anew for each execution.
+// A returned version stays the same after the next write. Create one per execution.
 class KeepsVersion : public sched::Interceptor {
 public:
     explicit KeepsVersion(sched::Which which) : which_(std::move(which)) {}

@@ -1,4 +1,4 @@
-// Every interleaving of two-phase locking under each rule, and of what a broken promise would be.
+// Every interleaving of two-phase locking under each rule, and with broken promises.
 #include "tfdb/engines/two_phase.hpp"
 
 #include "tfdb/engines/engines.sched.hpp"
@@ -18,7 +18,7 @@ using NoWait = Ruled<LockRule::kNoWait>;
 using WaitDie = Ruled<LockRule::kWaitDie>;
 using WoundWait = Ruled<LockRule::kWoundWait>;
 
-/// Loads of one word of each slot find what `lie` makes of it.
+/// `lie` changes the loads of one word of each slot.
 template <class S, class WordOf>
 MakeFlaw<S> in_slots(WordOf word_of, Lies::Lie lie) {
     return [=](Stage<S>& stage) -> std::unique_ptr<sched::Interceptor> {

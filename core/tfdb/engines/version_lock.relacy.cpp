@@ -1,5 +1,5 @@
-// The version lock in the C++ memory model: writers store relaxed words, readers load them and
-// then look whether they may believe what they saw.
+// The version lock in the C++ memory model: writers store relaxed words; readers load them and then
+// check whether the values count.
 #include "tfdb/engines/version_lock.hpp"
 
 #include "tfdb/engines/event.hpp"
@@ -12,7 +12,7 @@ namespace {
 
 bool g_weak_version = false;  // version() only loads relaxed
 
-/// Two words that change together; as many writers, then readers.
+/// Two words that change together; that many writers, then readers.
 template <unsigned Writers, unsigned Readers>
 struct Versions : rl::test_suite<Versions<Writers, Readers>, Writers + Readers> {
     using Lock = BasicVersionLock<relacy::Word, 0>;
@@ -64,7 +64,7 @@ struct Versions : rl::test_suite<Versions<Writers, Readers>, Writers + Readers> 
     }
 };
 
-/// Each reads the other's word, and raises its own if that is still low: they must not both.
+/// Each thread reads the other's word, and increases its own if that is still low: at most one may.
 struct Skew : rl::test_suite<Skew, 2> {
     using Lock = BasicVersionLock<relacy::Word, 0>;
     relacy::Word versions[2];
@@ -95,7 +95,7 @@ TFDB_TEST(version_lock_holds_in_the_memory_model) {
     relacy::holds<Skew>("two that read what the other writes");
 }
 
-// Relacy's sequentially consistent operations order more than the language's: left out, they show
+// Relacy's sequentially consistent operations order more than the language's: removing them shows
 // whether the rest suffices for whole pairs.
 TFDB_TEST(version_lock_needs_its_orders) {
     relacy::holds<Versions<1, 2>>("pairs by acquire and release alone", {.no_total_order = true});

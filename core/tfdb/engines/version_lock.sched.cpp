@@ -1,4 +1,4 @@
-// Every interleaving of the version lock, and of what it would be with one of its atoms broken.
+// Every interleaving of the version lock, and of the lock with one atomic operation broken.
 #include "tfdb/engines/version_lock.hpp"
 
 #include <string>
@@ -19,7 +19,7 @@ struct Cast {
     unsigned writers;
     unsigned readers = 0;
     bool announces = true;  // a new version after each write
-    bool confirms = true;   // looks at the version again
+    bool confirms = true;   // checks the version again
 };
 
 template <class W, int Spins>
@@ -54,7 +54,7 @@ struct Scene {
         const bool is_whole = one == other;
         SCHED_REQUIRE(is_whole);
     }
-    /// Reads, then writes what depends on it, if no other thread was faster.
+    /// Reads, then writes a dependent value, if no other thread was faster.
     bool add_one() {
         Lock lock(word);
         const std::uint64_t version = lock.version();
@@ -102,7 +102,7 @@ Program added(unsigned threads) {
     };
 }
 
-/// Each reads the other's frame and raises its own if that is low: at most one may.
+/// Each reads the other's frame and increases its own if that is low: at most one may.
 Program skewed(bool confirms) {
     return [confirms](Run& run) {
         sched::Word versions[2];
@@ -131,7 +131,7 @@ Program skewed(bool confirms) {
     };
 }
 
-/// A version that stays the same when it is unlocked.
+/// A version that does not change on unlock.
 struct StuckVersion : sched::Word {
     std::uint64_t exchange(std::uint64_t) { return sched::Word::exchange(0); }
 };

@@ -82,7 +82,7 @@ TFDB_TEST(adaptive_goes_as_far_as_one_interpolation_reaches) {
         walk.poses.push_back(interpolate(from, to, 1e-6 * i * i / 25.0));
     }
     CHECK(enough_rows(walk.stamps, walk.poses, 1e-9, 1e-7).size() == 2);
-    walk.poses[1234].translation.z += 1.0;  // one row that is off: itself and its neighbours stay
+    walk.poses[1234].translation.z += 1.0;  // an outlier: it and its neighbours are kept
     const std::vector<std::size_t> around{0, 1233, 1234, 1235, 5000};
     CHECK(enough_rows(walk.stamps, walk.poses, 1e-9, 1e-7) == around);
 }

@@ -1,4 +1,4 @@
-// Every kernel that this processor can run gives the bits of the functions on single poses.
+// Every kernel that this processor can run gives the same bits as the functions on single poses.
 #include "tfdb/geometry/batch_kernels.hpp"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ bool identical(const Numbers& a, const Numbers& b) {
     return std::memcmp(&a, &b, sizeof a) == 0;
 }
 
-/// A sample as a store keeps it.
+/// A sample in the store's format.
 struct alignas(64) Slot {
     std::uint64_t word = 7;
     Pose pose{};
@@ -36,7 +36,7 @@ struct Scene {
     std::vector<StampNs> samples;
     std::vector<StampNs> stamps;
     std::unique_ptr<Pairs> pairs = std::make_unique<Pairs>();
-    std::vector<std::size_t> before;  // of each stamp; the sample itself where it is held
+    std::vector<std::size_t> before;  // index for each stamp; the sample itself if it is held
     std::vector<bool> held;
 
     [[nodiscard]] Pose pose_at(std::size_t i) const {
@@ -48,8 +48,8 @@ struct Scene {
     }
 };
 
-/// Turns from one sample to the next of every width: by nothing, by less and more than each series
-/// takes, by half a turn, and to the other quaternion of the same rotation.
+/// The next sample's quaternion, with rotations of every width: zero, within and beyond each
+/// series, half a turn, and the opposite quaternion of the same rotation.
 Quat turned(RandomPoses& random, const Quat& before, std::size_t i) {
     constexpr std::array kAngles = {0.0,   1e-8,  0.02, 0.0278, 0.0280, 0.15,
                                     0.191, 0.193, 0.8,  1.5707, 1.571};
@@ -63,7 +63,7 @@ Quat turned(RandomPoses& random, const Quat& before, std::size_t i) {
     return q;
 }
 
-/// `run`: about so many stamps between two samples; some of them on a sample, some held.
+/// `run`: approximate number of stamps between two samples; some lie on a sample, some are held.
 Scene make_scene(RandomPoses& random, std::size_t count, std::size_t run) {
     Scene scene;
     constexpr StampNs kStart = StampNs{1} << 60;

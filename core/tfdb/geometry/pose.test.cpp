@@ -27,7 +27,7 @@ LongQuat widen(const Quat& q) {
     return {r.x / length, r.y / length, r.z / length, r.w / length};
 }
 
-/// The definition, in long double; the sign is that of `a`'s side.
+/// The definition, in long double; the sign follows `a`'s side.
 Quat reference_slerp(const Quat& from, const Quat& to, double at) {
     const LongQuat a = widen(from);
     LongQuat b = widen(to);
@@ -109,7 +109,7 @@ TFDB_TEST(pose_of_known_values) {
     const Pose twice = compose(turn, turn);
     CHECK_NEAR(distance(twice.translation, {-1.0, 3.0, 6.0}), 0.0, 2e-15);
     CHECK_NEAR(distance(twice.rotation, {0.0, 0.0, 1.0, 0.0}), 0.0, 1e-15);
-    // Rotation by the quaternion product, the long way.
+    // Rotation by the full quaternion product.
     RandomPoses random("pose_of_known_values", 4);
     const Quat q = random.rotation();
     const Vec3 v = random.point(1.0);
@@ -131,7 +131,7 @@ TFDB_TEST(slerp_goes_on_outside_the_segment) {
     RandomPoses random("slerp_goes_on_outside_the_segment", 6);
     CHECK_NEAR(worst_slerp(random, 1e-6, 0.02, -2.0, 3.0), 0.0, 2e-15);
     CHECK_NEAR(worst_slerp(random, 0.02, 1.5, -2.0, 3.0), 0.0, 2e-15);
-    // The end of one segment, seen from the continuation of the other.
+    // The end of one segment, compared with the continuation of the other.
     for (int i = 0; i < kRounds; ++i) {
         const Quat a = random.rotation();
         const Quat b = random.apart(a, random.uniform(0.001, 0.7));
@@ -155,7 +155,7 @@ TFDB_TEST(slerp_takes_the_shorter_way) {
     CHECK_NEAR(distance(slerp(a, opposite, 0.3), a), 0.0, 1e-15);
     CHECK_NEAR(distance(slerp(a, a, 0.3), a), 0.0, 1e-15);
     CHECK_NEAR(distance(slerp(a, a, 7.0), a), 0.0, 1e-14);
-    // Half a turn: which way is open, but the result is a rotation half way.
+    // Half a turn: the direction is undefined, but the result is a rotation half way.
     const Quat across = random.apart(a, 90.0 * kDegree);
     const Quat half = slerp(a, across, 0.5);
     CHECK_NEAR(norm_squared(half), 1.0, 1e-15);

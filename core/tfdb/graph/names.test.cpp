@@ -38,7 +38,7 @@ public:
         names.insert(name, id);
         return id;
     }
-    /// The frame is gone from `commit` on; its slot may be reused.
+    /// Removes the frame from `commit` on; its slot may be reused.
     void retire(FrameId id, CommitNumber commit) {
         frames.word(id, history::kDied).store_relaxed(commit);
         auto& topology = frames.word(id, history::kTopology);
@@ -55,7 +55,7 @@ public:
     Names<Memory> names;
 };
 
-/// How many entries `find` looks at until it comes to the frame.
+/// The number of entries that `find` reads until it reaches the frame.
 std::uint64_t probes_for(const Table& table, FrameId id) {
     const std::uint64_t where = table.frames.store_word(kNames).load_acquire();
     const std::uint64_t mask = TableWord::capacity(where) - 1;
@@ -107,7 +107,7 @@ TFDB_TEST(names_that_share_a_bucket_are_told_apart) {
         CHECK_EQ(table.make(names[i], 1), i);
     for (std::size_t i = 0; i < names.size(); ++i)
         CHECK_EQ(table.names.find(names[i], 1), i);
-    table.retire(3, 2);  // those behind it must still be found
+    table.retire(3, 2);  // the ones behind it must still be found
     for (std::size_t i = 0; i < names.size(); ++i)
         CHECK_EQ(table.names.find(names[i], 2), i == 3 ? kNoFrame : i);
 }
@@ -128,7 +128,7 @@ TFDB_TEST(names_that_differ_in_a_number_only_are_found_at_once) {
             CHECK(probes <= 2 * count);
             in_all += probes;
         }
-        // As good as chance in a table that is at most half full.
+        // As good as random hashing in a table that is at most half full.
         CHECK(2 * in_all <= 3 * std::size(kPrefixes) * count);
     }
 }

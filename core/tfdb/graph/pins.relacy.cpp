@@ -1,6 +1,5 @@
-// Held snapshots in the C++ memory model: readers that count themselves in and out, and a writer
-// that overwrites what the oldest of them cannot see. No held snapshot loses a sample; without the
-// fences one does.
+// Held snapshots in the C++ memory model: readers pin and unpin, and a writer overwrites what the
+// oldest of them cannot see. No held snapshot loses a sample; without the fences one does.
 #include <algorithm>
 #include <string>
 #include <vector>
@@ -40,7 +39,7 @@ Batch one(StampNs stamp) {
     return {{{0, stamp}}};
 }
 
-/// Every sample leaves the one before in view, and the one before that out of it.
+/// Every sample leaves the previous one visible, and evicts the one before that.
 const Script kScript{
     .history = 15, .before = {one(10)}, .during = {one(20), one(30), one(40), one(50), one(60)}};
 const Model* g_model = nullptr;
@@ -67,7 +66,7 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
             for (std::size_t batch = 0; batch < kScript.during.size(); ++batch) {
                 const CommitNumber committed = memory.word(places.commit).load_relaxed();
                 const CommitNumber oldest = held.oldest(committed);
-                // The seeded bug: as if a count that is in use could have a newer floor.
+                // The seeded bug: a used count gets a newer floor.
                 write_beside(memory, places, kScript, 1 + batch,
                              g_reuses_busy_count ? committed : oldest,
                              [this](std::uint64_t epoch) { return reads.oldest(epoch); });
@@ -80,8 +79,8 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
         hold();
     }
 
-    /// Each time asked the same, however far the writer has come; a read that is overtaken is
-    /// pinned, and not overtaken again.
+    /// Repeats one read, however far the writer has advanced; an overtaken read is pinned, and not
+    /// overtaken again.
     void hold() {
         const unsigned pin = held.take(memory.word(places.commit).load_acquire());
         const CommitNumber state = memory.word(places.commit).load_acquire();
@@ -92,7 +91,7 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
             RL_ASSERT(read_at(memory, places, kScript, *g_model, state, kAsked, require));
             reads.drop(read_pin);
         }
-        // Of a later state, by the same pin; the first snapshot goes first.
+        // A later state by the same pin; the first snapshot is released first.
         const CommitNumber later = memory.word(places.commit).load_acquire();
         held.join(pin);
         held.drop(pin);
@@ -103,7 +102,7 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
     }
 };
 
-/// Empty if all of it holds, else what Relacy says of the first execution that breaks it.
+/// Empty if all executions are correct, otherwise Relacy's report of the first faulty one.
 std::string simulated(const char* name, const relacy::Weakness& weakness = {}) {
     constexpr unsigned kDepth = 60'000;
     const Model model(kScript);
@@ -116,7 +115,7 @@ std::string simulated(const char* name, const relacy::Weakness& weakness = {}) {
 TFDB_TEST(pins_keep_what_held_snapshots_need) {
     CHECK_EQ(simulated("held snapshots"), std::string());
     CHECK(!simulated("without the fences", {.no_full_fence = true}).empty());
-    // Slow enough for what they are in to be used again.
+    // Slow enough for the blocks of the samples to be reused.
     relacy::g_pause = kPause;
     CHECK_EQ(simulated("slow held snapshots"), std::string());
     g_reuses_busy_count = true;

@@ -11,8 +11,8 @@
 
 namespace tfdb::history::script {
 
-// Makes random scripts that the store would accept: no sample older than the history, an edge is
-// static or moves, and starts anew to change that. One thread; the same seed gives the same script.
+// Creates random scripts that the store would accept: no sample is older than the history, and an
+// edge is cleared before its kind changes. One thread; the same seed gives the same script.
 class Author {
 public:
     explicit Author(std::uint64_t seed) : random_(seed) {}
@@ -27,7 +27,7 @@ public:
         for (std::uint64_t left = below(6); left > 0; --left) {
             script.before.push_back(batch(script));
         }
-        // Two edges or two batches, not both: the walk must stay small enough to be completed.
+        // Either two edges or two batches: the walk must stay small enough to complete.
         const std::uint64_t batches = script.edges == 2 ? 1 : 1 + below(2);
         for (std::uint64_t left = batches; left > 0; --left) {
             script.during.push_back(batch(script));
@@ -84,7 +84,7 @@ private:
         StampNs stamp = newest_[edge] + static_cast<StampNs>(1 + below(20));
         if (newest_[edge] >= 0 && below(3) == 0) {
             stamp =
-                newest_[edge] - static_cast<StampNs>(below(2) * below(30));  // or the same again
+                newest_[edge] - static_cast<StampNs>(below(2) * below(30));  // or the same stamp
             stamp = std::max({stamp, newest_[edge] - history, StampNs{0}});
         }
         newest_[edge] = std::max(newest_[edge], stamp);

@@ -1,7 +1,7 @@
-// The edge protocol in the C++ memory model: one writer, two readers, random weak executions. What
-// the walk of interleavings (edge.sched.cpp) cannot see: loads of old values and stores that other
-// threads see in another order. Each memory order that matters is proved to matter by leaving it
-// out.
+// The edge protocol in the C++ memory model: one writer, two readers, random weak executions. It
+// covers what the walk of interleavings (edge.sched.cpp) cannot: loads of old values, and stores
+// that other threads see in another order. Removing a memory order that matters proves that it
+// matters.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -19,7 +19,7 @@ namespace tfdb::history {
 
 using SmallMemory = relacy::Memory<1, 8192>;
 
-/// Segments of one sample, then of two; nothing that was retired is kept.
+/// Segments of one sample, then of two; retired blocks are not kept.
 template <>
 struct Tuning<SmallMemory> {
     static constexpr unsigned kFirstLog2 = 0;
@@ -39,7 +39,8 @@ constexpr int kTries = 10;  // more than the writer can overtake
 constexpr unsigned kIdleSteps = 400;
 constexpr unsigned kPause = 400;
 
-/// What the simulation runs. Relacy makes the simulated object itself, so it finds it here.
+/// The input of the simulation. Relacy constructs the simulated object itself, so it reads the
+/// input here.
 struct Task {
     Script script;
     StampNs stamp = 0;
@@ -63,7 +64,7 @@ struct Scene {
         }
     }
 
-    /// `spared()`: whether somebody may still read what is old.
+    /// `spared()`: whether a reader may still read old samples.
     template <class Spared>
     void write_all(Spared spared) {
         const std::size_t already = g_task.script.before.size();
@@ -71,7 +72,7 @@ struct Scene {
             write(memory, places, g_task.script, already + batch, !spared());
     }
 
-    /// A writer takes many more steps than a reader: readers start anywhere beside it.
+    /// A writer takes many more steps than a reader: readers start at any point of it.
     void idle() {
         for (unsigned steps = rl::rand(kIdleSteps); steps > 0; --steps) {
             (void)memory.word(0).load_relaxed();
@@ -81,7 +82,7 @@ struct Scene {
     SmallMemory::Word& pins() { return memory.word(places.commit + 8); }
 };
 
-/// Each reader looks at a fresh snapshot, and at another one if it was overtaken.
+/// Each reader reads a fresh snapshot, and another one if it was overtaken.
 template <class Look>
 struct Beside : rl::test_suite<Beside<Look>, 1 + kReaders>, Scene {
     void before() { Scene::before(); }
@@ -115,8 +116,8 @@ struct LookAtFigures {
 using Edges = Beside<LookAtEdges>;
 using Figures = Beside<LookAtFigures>;
 
-/// Readers that hold a snapshot: as store::Buffer does, they count themselves as pins, and a writer
-/// that sees a pin keeps what they may need. No samples are lost under them.
+/// Readers that hold a snapshot: as in store::Buffer, they pin it, and a writer that sees a pin
+/// keeps the samples that they may need. They lose no samples.
 struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders>, Scene {
     void before() { Scene::before(); }
 
@@ -132,7 +133,7 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders>, Scene {
         pins().fetch_add(1);
         SmallMemory::fence_full();
         const CommitNumber held = memory.word(places.commit).load_acquire();
-        // It may be overtaken, but what it sees is not lost.
+        // It may be overtaken, but its samples are not lost.
         bool answered = false;
         for (int tries = 0; tries < kTries && !answered; ++tries) {
             answered =
@@ -148,7 +149,8 @@ unsigned long iterations() {
     return wish == nullptr ? 20'000 : std::strtoul(wish, nullptr, 10);
 }
 
-/// Runs the script; empty if no execution breaks a promise, else Relacy's account of the first.
+/// Runs the script; empty if all executions keep the promises, otherwise Relacy's report of the
+/// first violation.
 template <class Suite = Edges>
 std::string simulate(const std::string& name, const Script& script, StampNs stamp,
                      unsigned long executions_wanted) {
@@ -178,7 +180,7 @@ void holds(const std::string& name, const Script& script, StampNs stamp) {
     CHECK_EQ(simulate(name, script, stamp, iterations()), std::string());
 }
 
-/// Without the order that `weakness` leaves out, some execution must break a promise.
+/// Without the order that `weakness` removes, some execution must break a promise.
 void needs(const std::string& name, const Script& script, StampNs stamp,
            const relacy::Weakness& weakness) {
     relacy::g_weakness = weakness;
@@ -193,7 +195,7 @@ Batch both(StampNs stamp) {
     return {{{0, stamp}, {1, stamp}}};
 }
 
-/// Words lie where `place` puts them: the commit word's line comes first, then the headers.
+/// Words lie where `place` puts them: the commit word's line first, then the headers.
 constexpr Offset kCommitAt = 64;
 constexpr Offset header_word(HeaderWord word) {
     return 128 + 8 * Offset{word};
@@ -211,7 +213,7 @@ const Script kEvicts{.history = 15,
                      .during = {one(50), one(70), one(90), one(110), one(130), one(150)}};
 const Script kTwoEdges{
     .history = 15, .edges = 2, .before = {both(10), both(30)}, .during = {both(50), both(70)}};
-/// Nothing is taken out of use: the commit alone says what is there.
+/// No block is retired: the commit alone determines what is visible.
 const Script kInPlace{.edges = 2, .before = {both(10)}, .during = {both(20)}};
 const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(22), one(24), one(26)}};
 const Script kLateInNodes{
@@ -224,7 +226,7 @@ const Script kFront{.before = {one(50), one(60), one(70)},
                     .during = {one(40), one(30), one(20), one(10)}};
 const Script kCorrects{.before = {one(10), one(10)}, .during = {one(10), one(10), one(10)}};
 const Script kClears{.before = {one(10), one(20)}, .during = {{{{0, kClearMarker}}}, one(5)}};
-/// Versions of before stay: who is sent to the wrong one finds samples there.
+/// Earlier versions stay: a reader sent to the wrong one finds samples there.
 const Script kClearsTwice{
     .before = {one(10)},
     .during = {{{{0, kClearMarker}, {0, 20}}}, {{{0, kClearMarker}, {0, 30}}}, one(40)},

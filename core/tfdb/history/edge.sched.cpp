@@ -1,5 +1,5 @@
-// Every interleaving of one writer and one reader of edges: what a snapshot sees is exactly the
-// state of its commit.
+// Every interleaving of one writer and one reader of edges: a snapshot sees exactly the state of
+// its commit.
 #include "tfdb/history/edge.sched.hpp"
 
 #include <cstdio>
@@ -8,7 +8,7 @@ namespace tfdb::history::script {
 
 namespace {
 
-/// Walks one script once for each stamp asked for.
+/// Walks one script once for each stamp.
 void holds(const std::string& name, const Script& script, std::initializer_list<StampNs> stamps) {
     sched::Walk walk;
     for (const StampNs stamp : stamps) {
@@ -58,7 +58,7 @@ void summed(const std::string& name, const Script& script) {
 
 }  // namespace
 
-// Nodes sum up two segments of two samples each, and of those again two.
+// Nodes summarise two segments of two samples each, and two such nodes.
 TFDB_SCHED(edge_sums_up_what_a_snapshot_sees) {
     const std::vector<Batch> seven = {one(10), one(20), one(30), one(50),
                                       one(60), one(90), one(95)};
@@ -97,7 +97,7 @@ TFDB_SCHED(edge_visits_each_sample_once) {
                                         .during = {aborted({{{0, 20}, {0, 25}}}), one(22)}});
 }
 
-// Whatever the writer was about when it stopped for ever, readers are answered.
+// At whichever step the writer has stopped for ever, readers get answers.
 TFDB_SCHED(edge_readers_outlive_the_writer) {
     outlived("appends", {.before = {one(10)}, .during = {one(20), one(30)}}, 15);
     outlived("appends together", {.before = {}, .during = {together({10, 20, 30}, true)}}, 15);
@@ -159,7 +159,7 @@ TFDB_SCHED(edge_seals) {
           {15, 45});
 }
 
-// Nodes as for figures: a reader that was held up passes over several segments at once.
+// Nodes as above: a delayed reader skips several segments at once.
 TFDB_SCHED(edge_readers_pass_over_newer_segments) {
     holds("ahead", {.before = {one(10)}, .during = {together({20, 30, 40, 50, 60, 70, 80})}}, {15});
     holds("in their midst",

@@ -14,7 +14,7 @@ namespace tfdb::history {
 
 namespace script {
 
-/// Segments of one sample, then of two; nothing that was retired is kept.
+/// Segments of one sample, then of two; retired blocks are not kept.
 struct SmallMemory : sched::BasicMemory<2> {
     using BasicMemory::BasicMemory;
 };
@@ -54,7 +54,7 @@ inline void name_words(const SmallMemory& memory, const Places& places, unsigned
 using MakeFlaw =
     std::function<std::unique_ptr<sched::Interceptor>(const SmallMemory&, const Places&)>;
 
-/// What the reader does: script::read, or a version of it with a bug.
+/// The reader's work: script::read, or a version of it with a bug.
 using Read = bool (*)(SmallMemory&, const Places&, const Script&, const Model&, StampNs);
 
 inline void require(bool holds, const char* text) {
@@ -66,7 +66,7 @@ inline bool read_soundly(SmallMemory& memory, const Places& places, const Script
     return read(memory, places, script, model, stamp, require);
 }
 
-/// What the script puts before the threads start.
+/// Writes the script's part before the threads start.
 inline Places prepare(SmallMemory& memory, const Script& script) {
     const Places places = place(memory, script);
     name_words(memory, places, script.edges);
@@ -82,8 +82,8 @@ inline void write_all(SmallMemory& memory, const Places& places, const Script& s
     }
 }
 
-/// The writer runs the script; the reader looks up `stamp`, again when it was overtaken. Readers
-/// write nothing and writers take turns, so one of each shows all that any number can.
+/// The writer runs the script; the reader looks up `stamp`, again if it was overtaken. Readers
+/// write nothing and writers are serialised, so one of each covers any number.
 inline sched::Program program(const Script& script, StampNs stamp, int tries = 2,
                               const MakeFlaw& make_flaw = {}, Read reader = read_soundly) {
     const Model model(script);
@@ -112,8 +112,8 @@ inline sched::Program program(const Script& script, StampNs stamp, int tries = 2
     };
 }
 
-/// The writer is killed after `death` accesses; the reader must be answered all the same, again and
-/// again. `died` says afterwards whether the writer got that far.
+/// The writer is killed after `death` accesses; the reader must still get an answer, repeatedly.
+/// `died` tells whether the writer got that far.
 inline sched::Program program_with_death(const Script& script, StampNs stamp, std::size_t death,
                                          bool& died) {
     const Model model(script);
@@ -123,7 +123,7 @@ inline sched::Program program_with_death(const Script& script, StampNs stamp, st
         const auto answered = [&] { return read_soundly(memory, places, script, model, stamp); };
         run.thread(
             "writer", [&] { write_all(memory, places, script); }, death);
-        // What it does once more where it was overtaken is walked without deaths.
+        // Its retries after being overtaken are walked without deaths.
         run.thread("reader", [&] { (void)answered(); });
         run.join();
         died = run.died(kWriter);
@@ -137,7 +137,7 @@ inline Batch one(StampNs stamp, FrameId parent = 5) {
 inline Batch both(StampNs stamp) {
     return {.puts = {{0, stamp}, {1, stamp}}};
 }
-/// The same edge's samples, handed in as one; every other one names another parent if so asked.
+/// One edge's samples, appended in one call; every other one names another parent on request.
 inline Batch together(const std::vector<StampNs>& stamps, bool mixed = false) {
     Batch batch;
     batch.together = true;

@@ -1,4 +1,4 @@
-// What has changed since a commit, judged by a plain list of the samples.
+// The changes since a commit, checked by a plain list of the samples.
 #include "tfdb/history/edge_changes.hpp"
 
 #include <cstdio>
@@ -14,7 +14,7 @@ namespace {
 
 using Memory = memory::Region;
 
-constexpr StampNs kClearMarker = -3;  // stands for a clear
+constexpr StampNs kClearMarker = -3;  // marks a clear
 
 /// Commits of one sample each to one edge.
 class Edge : private Readers {
@@ -26,7 +26,7 @@ public:
         memory_.word(header_ + 8 * kTopology).store_relaxed(Topology::kRoot);
     }
 
-    /// kClearMarker clears; stamps that are too old by now are left out.
+    /// kClearMarker clears; stamps that are already too old are skipped.
     void commit(StampNs stamp, FrameId parent = 1) {
         EdgeWriter<Memory> writer(memory_, header_);
         if (stamp >= 0 && stamp < writer.newest() - history_)
@@ -47,7 +47,7 @@ public:
     }
     [[nodiscard]] CommitNumber committed() const { return committed_; }
     [[nodiscard]] StampNs newest_stamp() { return EdgeWriter<Memory>(memory_, header_).newest(); }
-    /// Whether somebody who depends on this must be told, by the list.
+    /// Whether a reader with these dependencies must be notified, by the list.
     [[nodiscard]] bool expected(CommitNumber commit, const std::vector<StampRange>& ranges,
                                 StampNs lowest) {
         for (const Stored& stored : stamps_) {
@@ -56,7 +56,7 @@ public:
             if (stored.stamp == kClearMarker)
                 return true;
             for (const StampRange& range : ranges) {
-                // A forgotten sample is visible in no state.
+                // No state shows an evicted sample.
                 if (range.from <= stored.stamp && stored.stamp <= range.to &&
                     stored.stamp >= newest_stamp() - history_) {
                     return true;

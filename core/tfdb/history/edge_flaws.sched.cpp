@@ -1,5 +1,5 @@
-// The walks of edges can fail: each bug seeded here is found. They are seeded between the protocol
-// and its words, so the protocol itself is the one that ships.
+// The walks of edges can fail: they find each bug seeded here. The bugs are seeded between the
+// protocol and its words, so the tested protocol is the shipped one.
 #include "tfdb/history/edge.sched.hpp"
 #include "tfdb/testing/sched/flaws.hpp"
 
@@ -26,7 +26,7 @@ MakeFlaw late(HeaderWord delayed, HeaderWord until) {
     };
 }
 
-/// All of the segments' words come after the store that makes them count.
+/// All of the segments' words are stored after the store that makes them valid.
 MakeFlaw late_samples(HeaderWord until) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const end = &memory.word(places.header(1));
@@ -44,7 +44,7 @@ MakeFlaw commit_first() {
     };
 }
 
-/// Stores to a word that are never made.
+/// Drops the stores to a word.
 MakeFlaw forgotten(HeaderWord word) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const chosen = &header_word(memory, places, word);
@@ -71,7 +71,7 @@ MakeFlaw reuse_believed() {
     };
 }
 
-/// Takes a new snapshot for the second edge, and answers as if it were the first one.
+/// Takes a new snapshot for the second edge, but answers as for the first one.
 bool read_of_two_snapshots(SmallMemory& memory, const Places& places, const Script& script,
                            const Model& model, StampNs stamp) {
     Taken<SmallMemory> first;

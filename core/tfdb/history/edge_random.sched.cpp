@@ -30,7 +30,7 @@ TFDB_SCHED(edge_random_scripts) {
                                  "\n" + outcome.violation + "\n" + outcome.schedule};
         }
     }
-    // The rare script is too large.
+    // Few scripts are too large.
     SCHED_EXPECT(100 * cut <= scripts);
     std::printf("  %llu scripts from seed %llu: %llu executions, %llu walks not exhaustive\n",
                 static_cast<unsigned long long>(scripts),

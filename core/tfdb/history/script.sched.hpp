@@ -1,4 +1,4 @@
-// A script of commits, what each snapshot of it must see, and how to run it on the real protocol.
+// A script of commits, the expected state of each snapshot, and its execution on the real protocol.
 #pragma once
 
 #include <algorithm>
@@ -11,32 +11,32 @@
 
 namespace tfdb::history::script {
 
-/// In place of a stamp: the edge is cleared.
+/// Instead of a stamp: the edge is cleared.
 inline constexpr StampNs kClearMarker = -3;
 
-/// One sample of a script: on which edge, when, towards which parent.
+/// One sample of a script: its edge, stamp and parent.
 struct Put {
     unsigned edge = 0;
     StampNs stamp = 0;
     FrameId parent = 5;
 };
 
-/// A batch. An aborted one is written and then undone, and takes no number. The samples of one that
-/// is `together` are of the first edge, in the order of their stamps, and handed in as one.
+/// A batch. An aborted one is written, then undone, and takes no number. The samples of one that is
+/// `together` belong to the first edge, in stamp order, and are appended in one call.
 struct Batch {
     std::vector<Put> puts;
     bool aborted = false;
     bool together = false;
 };
 
-/// What happens before the threads start, and what the writer does beside the readers.
+/// The steps before the threads start, and the writer's steps beside the readers.
 struct Script {
     StampNs history = kForever;
     unsigned edges = 1;
     std::vector<Batch> before;
     std::vector<Batch> during;
     bool may_evict = true;
-    bool held_before = false;  // until the threads start, somebody holds the first state
+    bool held_before = false;  // until the threads start, a reader holds the first state
 };
 
 /// A sample as a reader must find it. All payload words follow from the tag.
@@ -53,13 +53,13 @@ constexpr std::uint64_t payload_word(std::uint64_t tag, unsigned index) {
     return tag * 1000 + index + 1;
 }
 
-/// Every sample ever put has a tag of its own, aborted ones too: edge, batch, place in the batch.
+/// Every sample has a unique tag, including aborted ones: edge, batch, place in the batch.
 constexpr std::uint64_t tag_of(unsigned edge, std::size_t batch, std::size_t place) {
     return (batch + 1) * 100 + place * 10 + edge;
 }
 
-// The specification, executed naively: for each commit and edge, what a snapshot sees.
-// Plain data, made before the threads start. Independent of the code that it judges.
+// The specification, executed naively: the samples visible in each snapshot, for each edge. Plain
+// data, computed before the threads start. Independent of the code under test.
 class Model {
 public:
     explicit Model(const Script& script) : history_(script.history) {
@@ -117,7 +117,7 @@ private:
     std::vector<State> states_;
 };
 
-/// Where things lie in the region: the words of commit and epoch, then a header per edge.
+/// The layout of the region: the words of commit and epoch, then a header per edge.
 struct Places {
     Offset commit = 0;
     [[nodiscard]] Offset epoch() const { return commit + 16; }
@@ -137,8 +137,8 @@ Places place(Memory& memory, const Script& script) {
     return places;
 }
 
-/// Readers as the script has them: the oldest state that anybody may still read is a given one, and
-/// `oldest_epoch(epoch)` says in which epoch the oldest read under way began.
+/// The script's readers: the oldest readable state is given, and `oldest_epoch(epoch)` is the epoch
+/// in which the oldest read in progress began.
 template <class Word, class OldestEpoch>
 class ScriptReaders : public Readers {
 public:
@@ -157,7 +157,7 @@ private:
     OldestEpoch oldest_epoch_;
 };
 
-/// Writes one batch as the store does: append all, then publish, or take everything back.
+/// Writes one batch as the store does: appends all, then publishes, or rolls everything back.
 template <class Memory, class OldestEpoch>
 void write_beside(Memory& memory, const Places& places, const Script& script, std::size_t number,
                   CommitNumber oldest, OldestEpoch oldest_epoch) {
@@ -213,7 +213,7 @@ void write(Memory& memory, const Places& places, const Script& script, std::size
     write(memory, places, script, number, script.may_evict && !held);
 }
 
-/// What one lookup takes from an edge.
+/// The result of one lookup on an edge.
 template <class Memory>
 struct Taken {
     bool is_static = false;
@@ -246,7 +246,7 @@ template <class Memory>
     return view.confirm();
 }
 
-/// Reads all samples of an edge in their order. False: overtaken.
+/// Reads all samples of an edge in order. False: overtaken.
 template <class Memory>
 [[nodiscard]] bool take_all(Memory& memory, Offset header, CommitNumber snapshot,
                             std::uint64_t epoch, StampNs history,
@@ -276,7 +276,7 @@ template <class Memory>
     return whole;
 }
 
-/// Compares with the model; `require(holds, text)` is told about each promise.
+/// Compares with the model; calls `require(holds, text)` for each promise.
 template <class Memory, class Require>
 void judge(const Taken<Memory>& taken, const std::vector<Sample>& visible, StampNs stamp,
            const Require& require) {
@@ -305,7 +305,7 @@ void judge(const Taken<Memory>& taken, const std::vector<Sample>& visible, Stamp
     }
 }
 
-/// One lookup over all edges from one snapshot. False: overtaken, nothing was judged.
+/// One lookup over all edges from one snapshot. False: overtaken, and nothing was checked.
 template <class Memory, class Require>
 [[nodiscard]] bool read_at(Memory& memory, const Places& places, const Script& script,
                            const Model& model, CommitNumber snapshot, StampNs stamp,
@@ -342,7 +342,7 @@ template <class Memory, class Require>
     return true;
 }
 
-/// The first edge in figures, from a fresh snapshot.
+/// The extent of the first edge, from a fresh snapshot.
 template <class Memory, class Require>
 [[nodiscard]] bool read_extent(Memory& memory, const Places& places, const Script& script,
                                const Model& model, const Require& require) {

@@ -133,13 +133,13 @@ TFDB_TEST(memory_stays_as_large_as_it_is_however_often_it_is_swept) {
     std::vector<Region::Block> kept;
     Offset after_some = 0;
     for (std::uint64_t round = 1; round <= 400; ++round) {
-        for (int i = 0; i < 60; ++i) {  // of sizes that differ from round to round
+        for (int i = 0; i < 60; ++i) {  // with sizes that differ from round to round
             const std::size_t bytes = 64 + random() % (random() % 8 == 0 ? 40'000 : 2000);
             const Offset block = memory.allocate(bytes);
             memory.word(block).store_relaxed(round);
             if (random() % 3 == 0)
                 memory.release(block, bytes);
-            else if (random() % 3 == 0)  // the others are lost
+            else if (random() % 3 == 0)  // the other blocks are lost
                 kept.push_back({block, bytes});
         }
         std::shuffle(kept.begin(), kept.end(), random);
@@ -179,7 +179,7 @@ TFDB_TEST(memory_that_was_given_back_is_memory_again_when_it_is_used) {
     (void)memory.allocate(64);
     const auto resident = [&](Offset from, std::size_t bytes) {
         std::vector<unsigned char> pages(bytes / 4096);
-        // The region begins with a page.
+        // The region begins at a page boundary.
         CHECK_EQ(::mincore(&memory.word(from / 4096 * 4096), bytes, pages.data()), 0);
         return std::count_if(pages.begin(), pages.end(), [](unsigned char c) { return c & 1; });
     };
@@ -222,7 +222,7 @@ TFDB_TEST(memory_limit_is_kept_and_leaves_everything_usable) {
 
 TFDB_TEST(memory_released_blocks_stay_mapped) {
     Region memory;
-    // Small blocks keep their words (but for the free list's), large ones may read as zero.
+    // Small blocks keep their words (except the free list's); large ones may read as zero.
     const Offset small = memory.allocate(512);
     const Offset large = memory.allocate(4 * kMebi);
     for (std::size_t word = 0; word < 64; ++word)
@@ -253,7 +253,7 @@ TFDB_TEST(memory_sparse_blocks_are_zero_and_do_not_count) {
     CHECK(after >= table + 200 * kMebi || after < table);
 }
 
-#if !defined(__SANITIZE_THREAD__)  // which leaves a program a hundredth of the addresses
+#if !defined(__SANITIZE_THREAD__)  // it leaves a program a hundredth of the addresses
 TFDB_TEST(memory_of_thousands_of_stores_finds_room) {
     std::vector<std::unique_ptr<Region>> stores;
     for (int i = 0; i < 5000; ++i) {
@@ -265,7 +265,7 @@ TFDB_TEST(memory_of_thousands_of_stores_finds_room) {
     }
     CHECK_EQ(stores.front()->word(Region::root()).load_relaxed(), 0U);
     CHECK_EQ(stores.back()->word(Region::root()).load_relaxed(), 4999U);
-    // What ends gives its addresses back: the next one is as large as the first one was.
+    // Destroyed stores return their addresses: the next one is as large as the first one was.
     stores.clear();
     Region next;
     CHECK(next.allocate_sparse(200'000 * kMebi) != 0);

@@ -1,5 +1,5 @@
-// The commit lock in the C++ memory model: what the lock guards is a plain variable, and who is
-// never woken shows as a livelock.
+// The commit lock in the C++ memory model: the guarded data are a plain variable, and a lost
+// wake-up shows as a livelock.
 #include "tfdb/sync/commit_lock.sched.hpp"
 
 // After all others: it redefines `assert` and more.
@@ -14,7 +14,7 @@ struct Number {
     void add_one() { value($) = value($) + 1; }
 };
 
-/// Three threads, each in its lane, twice.
+/// Three threads, each locking in its lane twice.
 template <Lane First, Lane Second, Lane Third>
 struct Lanes : rl::test_suite<Lanes<First, Second, Third>, 3> {
     CountInTurns<relacy::Word, 0, Number> turns;

@@ -1,4 +1,4 @@
-// Every interleaving of the commit lock, and of what it would be with one of its atoms broken.
+// Every interleaving of the commit lock, and of the lock with one atomic operation broken.
 #include "tfdb/sync/commit_lock.sched.hpp"
 
 #include <string>
@@ -34,7 +34,7 @@ struct Scene : CountInTurns<W, Spins, Number> {
 constexpr Lane kOrdinary = Lane::kOrdinary;
 constexpr Lane kUrgent = Lane::kUrgent;
 
-/// Each locks once, in its lane.
+/// Each thread locks once, in its lane.
 template <class W, int Spins>
 Program counted(const std::vector<Lane>& lanes) {
     return [lanes](Run& run) {
@@ -46,7 +46,7 @@ Program counted(const std::vector<Lane>& lanes) {
     };
 }
 
-/// A writer that never waits beside one that does.
+/// A writer that never waits, beside one that waits.
 template <class W>
 Program tried(Lane lane) {
     return [lane](Run& run) {
@@ -59,7 +59,7 @@ Program tried(Lane lane) {
     };
 }
 
-/// Writers that wait as long as need be, beside one that gives up after one sleep.
+/// Writers that wait without a limit, beside one that gives up after one sleep.
 template <class W>
 Program left(Lane leaves, std::int64_t longest_ns, const std::vector<Lane>& lanes) {
     return [=](Run& run) {
@@ -73,8 +73,8 @@ Program left(Lane leaves, std::int64_t longest_ns, const std::vector<Lane>& lane
     };
 }
 
-/// Behind a holder: who asks in the ordinary lane, or tries, once an urgent request is counted
-/// comes after it.
+/// Behind a holder: ordinary requests and attempts come after an urgent request that was counted
+/// before them.
 template <class W>
 Program overtaken(bool tries) {
     return [tries](Run& run) {
@@ -103,7 +103,7 @@ Program overtaken(bool tries) {
     };
 }
 
-/// Who takes it does so in two steps.
+/// Acquires the lock in two steps.
 struct TakesSlowly : SplitCompareExchange {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         const bool takes = (expected & 1) == 0;
@@ -112,7 +112,7 @@ struct TakesSlowly : SplitCompareExchange {
     }
 };
 
-/// A thread that takes the free lock does not see urgent requests of others.
+/// A thread that takes the free lock ignores urgent requests of others.
 struct BlindToUrgent : sched::Word {
     [[nodiscard]] std::uint64_t load_relaxed() const {
         const std::uint64_t found = sched::Word::load_relaxed();
@@ -128,12 +128,12 @@ struct BlindToUrgent : sched::Word {
     }
 };
 
-/// Wakes one where all should be woken.
+/// Wakes one thread instead of all.
 struct WakesOne : sched::Word {
     void wake_all() { wake_one(); }
 };
 
-/// A waiter that gives up does not wake the waiters that its request kept from the lock.
+/// A waiter that gives up does not wake the threads that its request blocked.
 struct LeavesInSilence : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         const bool done = sched::Word::compare_exchange(expected, desired);
@@ -177,8 +177,8 @@ TFDB_SCHED(commit_lock_of_three) {
 }
 
 TFDB_SCHED(commit_lock_may_be_left) {
-    constexpr std::int64_t kShort = 1;  // over at once
-    constexpr std::int64_t kLong = 2;   // until somebody wakes
+    constexpr std::int64_t kShort = 1;  // ends at once
+    constexpr std::int64_t kLong = 2;   // until a wake
     sched::Options options;
     options.preemptions = 4;
     for (const std::int64_t longest : {kShort, kLong}) {

@@ -1,4 +1,4 @@
-// What threads do with a commit lock: one program for the walker, for Relacy and for threads.
+// Programs on a commit lock: the same for the walker, for Relacy and for threads.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@ namespace tfdb::sync {
 
 enum class Lane : std::uint8_t { kOrdinary, kUrgent };
 
-/// Threads that count together, in two steps that are right only without another thread in between.
-/// `Number` is a number with `add_one`, as each of the three keeps it.
+/// Threads that increment a number in two steps, which is correct only under mutual exclusion.
+/// `Number` has `add_one`, in a form for each of the three.
 template <class W, int Spins, class Number>
 struct CountInTurns {
     W word;
@@ -32,7 +32,7 @@ struct CountInTurns {
             mine.unlock();
         }
     }
-    /// Sleeps at most once, so long. True if it had a turn.
+    /// Sleeps at most once, for that long. True if it got the lock.
     bool thread_that_leaves(Lane lane, std::int64_t longest_ns) {
         auto mine = lock();
         if (!mine.lock_within(longest_ns, lane == Lane::kUrgent))
@@ -41,7 +41,7 @@ struct CountInTurns {
         mine.unlock();
         return true;
     }
-    /// True if it had a turn.
+    /// True if it got the lock.
     bool thread_that_tries() {
         auto mine = lock();
         if (!mine.try_lock())

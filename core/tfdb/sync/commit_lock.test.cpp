@@ -8,7 +8,7 @@
 namespace tfdb::sync {
 namespace {
 
-/// Plain: a race or a lost turn would show.
+/// Not atomic: a race or a lost update would show.
 struct Number {
     long turns = 0;
     long sum = 0;
@@ -115,7 +115,7 @@ TFDB_TEST(commit_lock_that_some_leave_loses_no_wakeup) {
     CHECK_EQ(turns.word.load_relaxed(), 0U);
 }
 
-/// Beside threads that commit as fast as they can, an urgent request waits for the holder alone.
+/// Beside threads that commit at full speed, an urgent request waits only for the holder.
 TFDB_TEST(commit_lock_goes_to_an_urgent_request_next) {
     Word word{};
     CommitLock lock(word);

@@ -1,4 +1,4 @@
-// The event count in the C++ memory model: a waiter that is never woken shows as a livelock.
+// The event count in the C++ memory model: a lost wake-up shows as a livelock.
 #include "tfdb/sync/event_count.hpp"
 
 // After all others: it redefines `assert` and more.
@@ -8,7 +8,7 @@ namespace tfdb::sync {
 
 namespace {
 
-/// Some wait until the others have each done their part.
+/// Some threads wait until the others have each done their part.
 template <unsigned Listeners, unsigned Workers>
 struct Bells : rl::test_suite<Bells<Listeners, Workers>, Listeners + Workers> {
     relacy::Word word;

@@ -1,4 +1,4 @@
-// Words with one promise broken: what a lock over them turns into must be found by its walk.
+// Words with one promise broken: walks of locks over them must find the resulting errors.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 
 namespace tfdb::sync::flaws {
 
-/// A word as it should be; each flaw below breaks one promise of it.
+/// A correct word; each flaw below breaks one promise of it.
 using Sound = sched::Word;
 
 struct SplitCompareExchange : sched::Word {
@@ -54,13 +54,13 @@ struct SilentNotify : sched::Word {
     void wake_all() {}
 };
 
-/// Wakes one where all should be woken.
+/// Wakes one thread instead of all.
 struct NarrowNotify : sched::Word {
     void notify_all() { notify_one(); }
     void wake_all() { wake_one(); }
 };
 
-/// Sleeps on whatever is there, as a condition variable without its mutex would.
+/// Sleeps regardless of the value, as a condition variable without its mutex would.
 struct BlindWait : sched::Word {
     void wait(std::uint64_t) const { sched::Word::wait(load_acquire()); }
     Woken sleep(std::uint64_t, std::int64_t longest_ns) const {

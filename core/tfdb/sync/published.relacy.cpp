@@ -8,7 +8,7 @@ namespace tfdb::sync {
 
 namespace {
 
-/// One writes values of two equal words, the others read them.
+/// One thread writes values of two equal words, the others read them.
 template <unsigned Readers>
 struct Values : rl::test_suite<Values<Readers>, Readers + 1> {
     using Pair = BasicPublished<relacy::Word, 2>;

@@ -22,7 +22,7 @@ using Flaw = std::function<std::unique_ptr<sched::Interceptor>(sched::Word* word
 constexpr std::size_t kReader = 0;
 constexpr std::size_t kWriter = 1;
 
-/// Two words that are always equal, in a value that is written so many times.
+/// Two words that are always equal, in a value written `writes` times.
 Program reading(std::uint64_t writes, int more_readers = 0, std::size_t dies_after = Run::kNever,
                 const Flaw& flaw = {}) {
     return [=](Run& run) {

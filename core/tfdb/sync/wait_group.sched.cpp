@@ -1,4 +1,4 @@
-// Every interleaving of those who wait, and of who changes what they wait for.
+// Every interleaving of waiting threads and of writers that fulfil their conditions.
 #include "tfdb/sync/wait_group.hpp"
 
 #include <cstdint>
@@ -19,7 +19,7 @@ using sched::Run;
 using sched::Walk;
 using namespace flaws;
 
-/// For ever, or with so many short sleeps.
+/// Unlimited, or with that many short sleeps.
 struct Patience {
     std::optional<int> sleeps{};
 
@@ -32,7 +32,7 @@ struct Patience {
     static void signalled() {}
 };
 
-/// What several threads wait for: that a counter reaches a number, each its own.
+/// The condition of several threads: a counter reaches a number, different for each thread.
 template <class W>
 struct Room {
     using WaitGroup = BasicWaitGroup<W, 0, 0>;
@@ -52,7 +52,7 @@ struct Room {
     std::vector<Wait*> waits;
     bool closed = false;
 
-    /// Whether it has come.
+    /// Whether the number was reached.
     bool wait_for(std::uint64_t least, Patience patience = {}) {
         Wait wait{.least = least};
         const typename WaitGroup::Locked locked(group);
@@ -87,7 +87,7 @@ struct Room {
     }
 };
 
-/// Who waits for which commit, and how many commits come, each from a thread of its own or not.
+/// The commits awaited by each thread, and the number of commits, each in its own thread or not.
 template <class W = Sound>
 Program waiting(const std::vector<std::uint64_t>& waits, int writers, int commits_each) {
     return [=](Run& run) {
@@ -107,7 +107,7 @@ Program waiting(const std::vector<std::uint64_t>& waits, int writers, int commit
     };
 }
 
-/// One loses its patience, perhaps while it leads; the other must not be left alone.
+/// One thread runs out of patience, perhaps while it leads; the other must still be woken.
 Program impatient(int sleeps) {
     return [=](Run& run) {
         Room<Sound> room(run);
@@ -118,7 +118,7 @@ Program impatient(int sleeps) {
     };
 }
 
-/// Two wait for what never comes; closing ends both.
+/// Two threads wait for an event that never comes; closing ends both.
 Program closing() {
     return [](Run& run) {
         Room<Sound> room(run);
@@ -129,7 +129,8 @@ Program closing() {
     };
 }
 
-/// A listener in another process is killed at some step; the writer and the others go on.
+/// A listener in another process is killed at some step; the writer and the other listeners
+/// continue.
 Program with_death(std::size_t accesses) {
     return [=](Run& run) {
         sched::Word event_word(0, "event");
@@ -155,7 +156,7 @@ Program with_death(std::size_t accesses) {
     };
 }
 
-/// A listener that looks first and arms then.
+/// A listener that checks first and arms afterwards.
 Program looks_too_early() {
     return [](Run& run) {
         sched::Word event_word(0, "event");
@@ -173,8 +174,7 @@ Program looks_too_early() {
     };
 }
 
-/// The event's bit is still set when all have been woken: a thread that arms between the two is
-/// forgotten.
+/// Clears the event's bit only after all were woken: a thread that arms in between is not woken.
 struct WakesThenClears : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         const bool rings = (expected & 1) != 0 && (desired & 1) == 0;
@@ -190,7 +190,7 @@ struct SilentWake : sched::Word {
     void wake_all() {}
 };
 
-/// Sleeps on whatever the word says by then.
+/// Sleeps regardless of the word's value.
 struct BlindSleep : sched::Word {
     Woken sleep(std::uint64_t, std::int64_t) const { return sched::Word::sleep(load_acquire(), 0); }
 };

@@ -1,4 +1,4 @@
-// What everything here relies on words to do, walked; and words that do not, found.
+// The promises of words, walked; and words that break them, detected.
 #include "tfdb/sync/word.hpp"
 
 #include <concepts>
@@ -16,7 +16,7 @@ using sched::Run;
 using sched::Walk;
 using namespace flaws;
 
-/// The walked word offers what the shipped one does, so that templates over it cannot tell.
+/// The walked word has the interface of the production word, so that templates work with both.
 template <class W>
 concept IsWord = requires(W word, const W& constant, std::uint64_t value, std::uint64_t& found) {
     { constant.load_relaxed() } -> std::same_as<std::uint64_t>;
@@ -37,7 +37,7 @@ concept IsWord = requires(W word, const W& constant, std::uint64_t value, std::u
 };
 static_assert(IsWord<Word> && IsWord<sched::Word>);
 
-/// Three threads, each of which adds to one word in one of three ways: nothing is lost.
+/// Three threads add to one word in three different ways: no addition is lost.
 template <class W>
 Program added() {
     return [](Run& run) {
@@ -58,7 +58,7 @@ Program added() {
     };
 }
 
-/// Each announces itself, then looks for the other: at least one sees the other.
+/// Each thread announces itself, then checks for the other: at least one sees the other.
 Program announced(bool buffered) {
     return [buffered](Run& run) {
         sched::Word mine(0, "mine");
@@ -85,7 +85,7 @@ Program announced(bool buffered) {
     };
 }
 
-/// Two sleep until a third changes the word.
+/// Two threads sleep until a third changes the word.
 template <class W>
 Program awaited() {
     return [](Run& run) {

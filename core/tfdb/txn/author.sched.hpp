@@ -9,7 +9,7 @@
 
 namespace tfdb::txn::forest {
 
-// Makes random scripts; the naive model says which commits the store would take.
+// Creates random scripts; the naive model determines which commits the store accepts.
 // One thread; the same seed gives the same script.
 class Author {
 public:
@@ -68,7 +68,7 @@ private:
         return step;
     }
 
-    /// Decides what the store does with the step; false: it would be refused before it is written.
+    /// Determines the store's result of the step; false: it would be refused before it is written.
     bool accept(naive::Model& model, Step& step) {
         if (step.kind == Step::kClear) {
             step.edges.clear();

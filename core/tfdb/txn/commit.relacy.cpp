@@ -1,5 +1,5 @@
 // Commits, names and lookups in the C++ memory model: one writer, one reader, random weak
-// executions of hand-made and random scripts, judged by the naive model.
+// executions of hand-made and random scripts, checked by the naive model.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -32,7 +32,8 @@ namespace {
 
 constexpr unsigned kIdleSteps = 800;
 
-/// What the simulation runs. Relacy makes the simulated object itself, so it finds it here.
+/// The input of the simulation. Relacy constructs the simulated object itself, so it reads the
+/// input here.
 struct Task {
     const Script* script = nullptr;
     const naive::Model* model = nullptr;
@@ -53,7 +54,7 @@ struct Commits : rl::test_suite<Commits, 2> {
             apply(g_task.script->during, g_task.script->before.size());
             return;
         }
-        // The writer takes many more steps: the reader starts anywhere beside it.
+        // The writer takes many more steps: the reader starts at any point of it.
         for (unsigned steps = rl::rand(kIdleSteps); steps > 0; --steps) {
             (void)forest.memory.word(0).load_relaxed();
         }
@@ -86,10 +87,11 @@ unsigned long iterations() {
     return wish == nullptr ? 20'000 : std::strtoul(wish, nullptr, 10);
 }
 
-/// Runs the script; empty if no execution breaks a promise, else Relacy's account of the first.
+/// Runs the script; empty if all executions keep the promises, otherwise Relacy's report of the
+/// first violation.
 std::string simulate(const Script& script, unsigned long executions) {
     const naive::Model model = model_of(script);
-    model.remember();  // inside, memory is Relacy's and lasts for one execution
+    model.remember();  // inside, memory belongs to Relacy for one execution
     g_task = {&script, &model};
     relacy::Account account;
     relacy::Account ignored;
@@ -116,7 +118,7 @@ Step set(StampNs stamp, std::vector<std::pair<std::string, std::string>> edges) 
     return step;
 }
 
-/// Words lie where Forest puts them: the root's block comes first, then the headers.
+/// Words lie where Forest puts them: the root's block first, then the headers.
 constexpr Offset root_word(graph::StoreWord word) {
     return 64 + 8 * Offset{word};
 }
@@ -124,7 +126,7 @@ constexpr Offset header_word(FrameId id, history::HeaderWord word) {
     return 64 + graph::kStoreBytes + id * history::kHeaderBytes + 8 * Offset{word};
 }
 
-/// Without the order that `weakness` leaves out, some execution must break a promise.
+/// Without the order that `weakness` removes, some execution must break a promise.
 void needs(const std::string& name, const Script& script, const relacy::Weakness& weakness) {
     relacy::g_weakness = weakness;
     const bool found = !simulate(script, iterations()).empty();
@@ -145,7 +147,7 @@ const Script kReuse{{},
                     {{Step::kRemove, {}, "base"}, set(10, {{"map", "tip"}})},
                     {{"map", "base", 10}, {"map", "tip", 10}}};
 const Script kMove{{}, {kChain}, {set(20, {{"map", "base"}})}, {{"map", "base", std::nullopt}}};
-constexpr FrameId kBase = 2;  // frames are numbered as they come
+constexpr FrameId kBase = 2;  // frames are numbered in order of creation
 
 }  // namespace
 

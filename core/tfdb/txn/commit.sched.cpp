@@ -98,8 +98,8 @@ TFDB_SCHED(commit_moves_frames_and_poses) {
                     .questions = {{"map", "base", 10}}});
 }
 
-/// Late samples of several commits go into one segment, which is split; what the commit before
-/// appended then lies amid older ones.
+/// Late samples of several commits go into one segment, which is split; the previous commit's
+/// appended samples then lie among older ones.
 Script late_samples() {
     Step late = set(15, {{"map", "odom"}, {"map", "odom"}});
     late.edges[1].stamp = 16;
@@ -145,8 +145,8 @@ TFDB_SCHED(commit_leaves_held_snapshots_alone) {
           ask_held);
 }
 
-/// All questions from a later state than that of a held snapshot, whose pin it joins; the snapshot
-/// is closed first. `late`: a seeded bug, even before the other joins.
+/// Asks all questions of a state later than a held snapshot's, by joining its pin; the snapshot is
+/// closed first. `late`: a seeded bug, it is closed before the other one joins.
 Reader ask_later(bool late = false) {
     return [late](const WalkedForest& forest, const naive::Model& model, const Script& script) {
         const graph::Pins<ForestMemory> pins(forest.frames, graph::kHeldPins);
@@ -186,7 +186,7 @@ TFDB_SCHED(commit_leaves_later_states_of_held_snapshots_alone) {
 Step compaction(Step::Kind kind = Step::kCompact) {
     return of_kind(kind, {});
 }
-/// Of two edges, one of which is removed at once: there is something to give back.
+/// Of two edges one is removed at once, so that there is memory to return.
 Script compacting(const std::vector<Step>& during) {
     return {.history = 15,
             .before = {set(10, {{"map", "odom"}, {"map", "tip"}}), set(20, {{"map", "odom"}}),
@@ -194,7 +194,7 @@ Script compacting(const std::vector<Step>& during) {
             .during = during,
             .questions = {{"map", "odom", 20}}};
 }
-/// As who was overtaken again and again.
+/// Reads as after repeated overtaking.
 void ask_pinned(const WalkedForest& forest, const naive::Model& model, const Script& script) {
     for (const Question& question : script.questions)
         ask_once_pinned(forest, model, question,

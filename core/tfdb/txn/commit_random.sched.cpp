@@ -1,4 +1,4 @@
-// Random commits over a handful of names, each walked through every interleaving with a lookup.
+// Random commits with a few names, each walked through every interleaving with a lookup.
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -30,7 +30,7 @@ TFDB_SCHED(commit_random_scripts) {
                                  outcome.violation + "\n" + outcome.schedule};
         }
     }
-    // A few scripts are too large; most must have been walked to the end.
+    // A few scripts are too large; most must be walked to the end.
     SCHED_EXPECT(4 * cut <= scripts);
     std::printf("  %llu scripts from seed %llu: %llu executions, %llu walks not exhaustive\n",
                 static_cast<unsigned long long>(scripts),

@@ -1,4 +1,4 @@
-// What the search for cycles costs, by what it looks at.
+// The cost of the cycle search, in visited items.
 #include <limits>
 #include <string_view>
 #include <vector>
@@ -12,10 +12,10 @@ namespace {
 
 using Memory = memory::Region;
 
-/// A forest that is written one relation at a time.
+/// A forest written one relation at a time.
 class Trees : private history::Readers {
 public:
-    /// Publishes the relation. False: it closes a cycle, and is taken back.
+    /// Publishes the relation. False: it closes a cycle, and is rolled back.
     bool set(std::string_view parent, std::string_view child, clock::StampNs stamp) {
         Commit<Memory> commit(frames_, scratch_, history::kForever, *this);
         append(commit, parent, child, stamp);
@@ -25,7 +25,7 @@ public:
         commit.publish();
         return true;
     }
-    /// Which of its cycles a search for all finds; taken back.
+    /// The cycles found by a search for all of the relation's cycles; rolled back.
     std::vector<Cycle> cycles(std::string_view parent, std::string_view child,
                               clock::StampNs stamp) {
         Commit<Memory> commit(frames_, scratch_, history::kForever, *this);
@@ -34,7 +34,7 @@ public:
         (void)commit.cycles().find_all(found);
         return found;
     }
-    /// What `body()` makes searches look at.
+    /// The number of items that searches visit during `body()`.
     template <class Body>
     std::uint64_t steps_of(Body body) {
         const std::uint64_t before = scratch_.cycles.steps;
@@ -70,7 +70,7 @@ private:
     CommitScratch scratch_;
 };
 
-/// `a` hangs below `p` and `q` by turns, `count` times; `x` below `a`, and `z` below `y`.
+/// `a` is a child of `p` and `q` alternately, `count` times; `x` is a child of `a`, and `z` of `y`.
 void grow(Trees& trees, clock::StampNs count) {
     CHECK(trees.set("x", "below_x", history::kStaticStamp));
     CHECK(trees.set("a", "x", history::kStaticStamp));
@@ -86,7 +86,7 @@ TFDB_TEST(cycle_that_is_refused_costs_no_more_than_what_is_accepted) {
         Trees trees;
         grow(trees, count);
         const std::uint64_t accepted = trees.steps_of([&] { CHECK(trees.set("x", "y", 1)); });
-        CHECK(accepted >= static_cast<std::uint64_t>(count));  // its walk comes by them all
+        CHECK(accepted >= static_cast<std::uint64_t>(count));  // its walk visits all of them
         const std::uint64_t refused = trees.steps_of([&] { CHECK(!trees.set("x", "p", 1)); });
         CHECK(refused <= accepted);
         const std::uint64_t told_apart =
@@ -98,7 +98,7 @@ TFDB_TEST(cycle_that_is_refused_costs_no_more_than_what_is_accepted) {
 TFDB_TEST(cycle_is_told_up_to_its_last_moment) {
     Trees trees;
     grow(trees, 10);
-    // `a` hangs below `p` in [2, 3), [4, 5), ... [10, oo), below `q` up to [9, 10).
+    // `a` is a child of `p` in [2, 3), [4, 5), ... [10, oo), of `q` up to [9, 10).
     const std::vector<Cycle> with_p = trees.cycles("x", "p", 1);
     CHECK_EQ(with_p.size(), 1U);
     CHECK(with_p[0].from == 1 && with_p[0].to == std::numeric_limits<clock::StampNs>::max());

@@ -1,4 +1,4 @@
-// The feed in the C++ memory model: one writer, and a follower who is lapped in the midst.
+// The feed in the C++ memory model: one writer, and a follower that is overtaken during its read.
 #include "tfdb/txn/feed.sched.hpp"
 
 // After all others: it redefines `assert` and more.
@@ -19,7 +19,7 @@ namespace txn::feed {
 namespace {
 
 constexpr unsigned kIdleSteps = 60;
-/// Two notes each in a ring of four, one commit undone, names in between.
+/// Two notes each in a ring of four, one undone commit, names in between.
 const Script kScript{{{{1, 2}}, {{3}}},
                      {{{4, 5}}, {{6, 7}, true}, {{0, 1}, false, true}, {{2, 3}}, {{}}, {{4}}}};
 

@@ -1,5 +1,5 @@
-// Every interleaving of commits with a follower of the feed, and every place where the writer may
-// die: a record is whole or refused, and a frame is noted before it is changed.
+// Every interleaving of commits with a follower of the feed, and every point at which the writer
+// may die: a record is complete or refused, and a frame is noted before it changes.
 #include "tfdb/txn/feed.sched.hpp"
 
 #include <functional>
@@ -130,7 +130,7 @@ TFDB_SCHED(feed_flaws_are_found) {
         sched::Walk().must_fail(name, promise, program(script, since, flaw));
     };
     const std::string whole = "what the commit noted, whole";
-    // What was overwritten may say more than the ring holds.
+    // An overwritten word may claim more than the ring holds.
     const std::string refused = "only what is below the floor is refused";
     found("a floor that is not raised", refused, kLap, 0, [](const SmallStore& store) {
         const Word* const floor = &store.frames.store_word(graph::kFeedFloor);

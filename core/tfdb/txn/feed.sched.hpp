@@ -1,5 +1,5 @@
-// A feed that is worn out within a few commits, for the walker and for Relacy: one writer, and a
-// reader who finds exactly what each commit noted, or that it was overwritten.
+// A feed that wraps around within a few commits, for the walker and for Relacy: one writer, and a
+// reader that finds exactly the notes of each commit, or that they were overwritten.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@ namespace tfdb::txn::feed {
 
 /// A commit of a script. One that is aborted takes no number.
 struct Step {
-    std::vector<FrameId> frames;  // ascending; the last one is removed if so asked
+    std::vector<FrameId> frames;  // ascending; the last one is removed on request
     bool aborted = false;
     bool removes = false;
 };
@@ -30,7 +30,7 @@ inline std::uint64_t name_word(FrameId id, std::uint64_t i) {
     return 1000 + 10 * std::uint64_t{id} + i;
 }
 
-/// What a reader must find of a commit.
+/// The words that a reader must find for a commit.
 inline std::vector<std::uint64_t> words_of(const Step& step) {
     std::vector<std::uint64_t> words;
     for (const FrameId id : step.frames) {
@@ -44,7 +44,7 @@ inline std::vector<std::uint64_t> words_of(const Step& step) {
     return words;
 }
 
-/// By commit.
+/// Indexed by commit.
 inline std::vector<std::vector<std::uint64_t>> expected_of(const Script& script) {
     std::vector<std::vector<std::uint64_t>> expected(1);
     for (const auto* steps : {&script.before, &script.during}) {
@@ -56,8 +56,8 @@ inline std::vector<std::vector<std::uint64_t>> expected_of(const Script& script)
     return expected;
 }
 
-// The words of a store that a feed needs, and one for each frame that tells which commit changed
-// it. One writer at a time applies steps; readers are other threads.
+// The store words that a feed needs, and one word per frame with the commit that changed it. One
+// writer at a time applies steps; readers are other threads.
 template <class Memory>
 struct Store {
     Memory memory;
@@ -98,7 +98,7 @@ struct Store {
         commit().store_release(committed + 1);
     }
 
-    /// Follows from a commit. `require(holds, text)` is told about each promise.
+    /// Follows from a commit. Calls `require(holds, text)` for each promise.
     template <class Require>
     void follow(CommitNumber since, const std::vector<std::vector<std::uint64_t>>& expected,
                 const Require& require) const {
@@ -125,7 +125,7 @@ struct Store {
         }
     }
 
-    /// After a writer's death: what it has changed is in the entry behind the commit word.
+    /// After a writer's death, the entry behind the commit word names its changes.
     template <class Require>
     void judge_death(const Require& require) const {
         const CommitNumber dead = commit().load_relaxed() + 1;

@@ -1,4 +1,4 @@
-// What a lookup asks for ahead of its walk, and the hints that show it the path.
+// The lines that a lookup prefetches before its walk, and the hints that show the path.
 #include "tfdb/lookup/fetch.hpp"
 
 #include <algorithm>
@@ -15,7 +15,7 @@ namespace {
 
 using history::Topology;
 
-/// Notes what it is asked to fetch.
+/// Records the prefetched lines.
 /// Threads: one. Guarantee: otherwise as Region.
 class NotingMemory : public memory::Region {
 public:
@@ -78,7 +78,7 @@ TFDB_TEST(fetch_asks_for_headers_and_newest_samples_of_a_path) {
         CHECK(forest.memory.was_asked(tail.slot(1)));
     }
     CHECK_EQ(lookup::fetch_path(forest.frames, arm, arm), 0U);
-    // Up to a root: no further.
+    // It stops at a root.
     CHECK_EQ(lookup::fetch_path(forest.frames, id_of(forest, "map"), arm), 2U);
 }
 

@@ -1,4 +1,4 @@
-// A small store as a program for the walker: real commits, names and lookups, judged by the naive
+// A small store as a program for the walker: real commits, names and lookups, checked by the naive
 // model.
 #pragma once
 
@@ -70,7 +70,7 @@ void name_words(const AnyForest& forest) {
     forest.word(graph::kRecycleFloor).rename("recycle_floor", 0);
 }
 
-/// What the reader's thread does.
+/// The reader thread's work.
 using Reader = std::function<void(const WalkedForest&, const naive::Model&, const Script&)>;
 
 /// Makes the interceptor that seeds a bug, once per execution; none by default.
@@ -111,7 +111,8 @@ inline sched::Program program(const Script& script, const Reader& reader,
     };
 }
 
-/// As the store reads when it was overtaken: that does not happen again. `commit` says which state.
+/// Reads as the store does after it was overtaken: without being overtaken again. `commit` selects
+/// the state.
 template <class Commit>
 void ask_once_pinned(const WalkedForest& forest, const naive::Model& model,
                      const Question& question, Commit commit) {
@@ -124,7 +125,7 @@ void ask_once_pinned(const WalkedForest& forest, const naive::Model& model,
     states.drop(state);
 }
 
-/// As the store reads: again when overtaken, then pinned.
+/// Reads as the store does: again if overtaken, then pinned.
 template <class Commit>
 void ask_until_answered(const WalkedForest& forest, const naive::Model& model,
                         const Question& question, Commit commit) {
@@ -136,7 +137,7 @@ void ask_until_answered(const WalkedForest& forest, const naive::Model& model,
     ask_once_pinned(forest, model, question, commit);
 }
 
-/// All questions from one held snapshot.
+/// Asks all questions of one held snapshot.
 inline void ask_held(const WalkedForest& forest, const naive::Model& model, const Script& script) {
     const graph::Pins<ForestMemory> pins(forest.frames, graph::kHeldPins);
     const unsigned pin = pins.take(forest.word(graph::kCommit).load_acquire());
@@ -146,7 +147,7 @@ inline void ask_held(const WalkedForest& forest, const naive::Model& model, cons
     pins.drop(pin);
 }
 
-/// Each question from a fresh state.
+/// Asks each question of a fresh state.
 inline void ask_fresh(const WalkedForest& forest, const naive::Model& model, const Script& script) {
     for (const Question& question : script.questions) {
         ask_until_answered(forest, model, question,

@@ -1,5 +1,5 @@
-// A writer of a store that processes share dies at each of its stores, and so does who takes back
-// what it left: the next one leaves the store as the last commit had it, and readers go on beside.
+// A writer of a shared store dies at each of its stores, and so does the process that repairs it.
+// The next repair restores the last commit's state, and readers run concurrently.
 #include "tfdb/txn/repair.hpp"
 
 #include <algorithm>
@@ -42,8 +42,8 @@ Step clearing() {
     return {Step::kClear, {}, {}};
 }
 
-/// After how many stores the writer dies, and the first who repairs after it; whether somebody
-/// holds the state before all of that; and what is done after it.
+/// The number of stores after which the writer dies, and the first repairer; whether a reader holds
+/// the state from before; and the following steps.
 struct Deaths {
     std::size_t writer = kNever;
     std::size_t repairer = kNever;
@@ -77,7 +77,7 @@ void check_children(WalkedForest& forest, CommitNumber last) {
     }
 }
 
-/// No slot is lost: as many frames can be made as fit, and the commit is undone again.
+/// No slot is lost: the maximum number of frames can be created; the commit is then undone.
 void check_slots(WalkedForest& forest, CommitNumber last) {
     const std::uint32_t alive = count_alive(forest, last);
     Commit<ForestMemory> commit(forest.frames, forest.scratch, forest.history, forest);
@@ -90,7 +90,7 @@ void check_slots(WalkedForest& forest, CommitNumber last) {
     }
 }
 
-/// No block is two things at once.
+/// No block has two uses.
 void check_blocks(WalkedForest& forest) {
     std::vector<Offset> blocks = forest.memory.out_of_use();
     const auto visit = [&](Offset block, std::size_t) { blocks.push_back(block); };
@@ -116,8 +116,8 @@ void check_whole(WalkedForest& forest, const naive::Model& model, const Script& 
         check_slots(forest, last);
 }
 
-/// What was committed of a script, then steps that take the numbers and the blocks of what was not,
-/// then the others. `committed`: how many of its steps were.
+/// The committed steps of a script, then steps that reuse the numbers and blocks of the uncommitted
+/// ones, then the rest. `committed`: number of committed steps.
 Script continued(const Script& script, const std::vector<Step>& after, CommitNumber last,
                  std::size_t& committed) {
     std::vector<Step> all = script.before;
@@ -133,7 +133,7 @@ Script continued(const Script& script, const std::vector<Step>& after, CommitNum
     return whole;
 }
 
-/// Goes on after the deaths as if the last step that was not committed had never been begun.
+/// Continues after the deaths as if the last uncommitted step had never begun.
 void go_on(WalkedForest& forest, const Script& script, const std::vector<Step>& after,
            CommitNumber held) {
     const CommitNumber last = forest.word(graph::kCommit).peek();
@@ -148,8 +148,8 @@ void go_on(WalkedForest& forest, const Script& script, const std::vector<Step>& 
     SCHED_REQUIRE(forest.word(graph::kCommit).peek() == model.commit());
 }
 
-/// The writer, two who repair after it one after another, and perhaps a reader beside them; then
-/// the store goes on.
+/// The writer, two repairers one after another, and optionally a concurrent reader; then the store
+/// continues.
 sched::Program program_with_deaths(const Script& script, const Deaths& deaths, Died& died,
                                    const Reader& reader, const MakeFlaw& make_flaw) {
     const auto model = std::make_shared<const naive::Model>(model_of(script));
@@ -189,15 +189,15 @@ sched::Program program_with_deaths(const Script& script, const Deaths& deaths, D
         run.join();
         died = {run.died(kWriter), run.died(kRepairer)};
         forest.memory.intercept(nullptr);
-        if (!reader)  // who changes nothing
+        if (!reader)  // it changes nothing
             go_on(forest, script, deaths.after, held);
     };
 }
 
 struct Tally {
     std::uint64_t executions = 0;
-    std::size_t writers = 0;    // stores at which it died
-    std::size_t repairers = 0;  // the most that one repair made
+    std::size_t writers = 0;    // stores at which the writer died
+    std::size_t repairers = 0;  // the maximum number of stores of one repair
 };
 
 std::string explore(const Script& script, const Deaths& deaths, Died& died, Tally& tally,
@@ -215,7 +215,7 @@ std::string explore(const Script& script, const Deaths& deaths, Died& died, Tall
            outcome.schedule;
 }
 
-/// Both die at each of their stores, in all pairs. Returns what was found.
+/// Both die at each of their stores, in all pairs. Returns the failures.
 std::string kill_both(const Script& script, Tally& tally, Deaths deaths,
                       const MakeFlaw& flaw = {}) {
     Died died{.writer = true, .repairer = true};
@@ -404,7 +404,7 @@ TFDB_SCHED(repair_flaws_are_found) {
         std::printf("  %-44s bug found, %s\n", name.c_str(),
                     what.substr(0, what.find('\n')).c_str());
     };
-    // A repair leaves these words of a frame as they are.
+    // A repair does not change these words of a frame.
     const auto leaves = [](FrameId id, const std::vector<history::HeaderWord>& words) {
         return [=](const WalkedForest& forest) {
             std::vector<const sched::Word*> left;

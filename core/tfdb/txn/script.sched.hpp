@@ -1,5 +1,5 @@
-// Scripts of commits for a whole forest, how to run them on the real code, and what the naive model
-// answers. For the walker and for Relacy alike.
+// Scripts of commits for a whole forest, their execution on the real code, and the naive model's
+// answers. For the walker and for Relacy.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ using geometry::Pose;
 inline constexpr std::uint32_t kFrames = 6;
 
 /// One commit of a script, or a compaction. A set may change an edge's kind; one that closes a
-/// cycle is undone, as the store does. kCompactLate has a seeded bug: see Forest::compact.
+/// cycle is undone, as in the store. kCompactLate has a seeded bug: see Forest::compact.
 struct Step {
     enum Kind { kSet, kSetStatic, kSetCycle, kRemove, kClear, kCompact, kCompactLate };
     struct Edge {
@@ -35,7 +35,7 @@ struct Step {
     };
     Kind kind = kSet;
     std::vector<Edge> edges;
-    std::string name;  // a frame that is removed, before the edges are set
+    std::string name;  // a frame to remove before the edges are set
 };
 
 struct Question {
@@ -51,14 +51,14 @@ struct Script {
     std::vector<Question> questions;
 };
 
-/// A pose of its own for each edge of each step, far from the identity.
+/// A unique pose for each edge of each step, far from the identity.
 inline Pose pose_of(std::size_t step, std::size_t edge) {
     const auto number = static_cast<double>(step * 10 + edge + 1);
     const double half = 0.05 * number;
     return {{number, -2.0 * number, 0.5}, {0.0, 0.0, std::sin(half), std::cos(half)}};
 }
 
-// A store on words of a checker: what store::Buffer does, less its arguments' checks.
+// A store on a checker's words: the functions of store::Buffer, without argument checks.
 // One writer at a time applies steps; readers are other threads.
 template <class Memory>
 class Forest : public history::Readers {
@@ -140,8 +140,8 @@ private:
             commit.append(ids[i].second, sample, i);
         }
     }
-    /// As Store::compact. All that is out of use is free at once, and may be taken by the next
-    /// step. `late`: frees up to an epoch that begins when the pins have been looked at.
+    /// As Store::compact. All retired blocks are free at once, and the next step may take them.
+    /// `late`: frees up to an epoch that begins after the pins were read.
     void compact(bool late) {
         const CommitNumber committed = word(graph::kCommit).load_relaxed();
         if (oldest_read() < committed)
@@ -209,7 +209,7 @@ inline bool near(const Pose& a, const Pose& b) {
     return same;
 }
 
-/// Asks one question of one state, as a Snapshot does. False: overtaken, nothing was judged.
+/// Asks one question of one state, as a Snapshot does. False: overtaken, and nothing was checked.
 template <class Memory, class Require>
 [[nodiscard]] bool ask(const Forest<Memory>& forest, const naive::Model& model, CommitNumber commit,
                        const Question& question, const Require& require) {

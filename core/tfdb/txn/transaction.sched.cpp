@@ -1,5 +1,5 @@
-// Every interleaving of small transactions: those that commit have read and written what they would
-// have one after another, in the order of their commits; and each seeded bug breaks that.
+// Every interleaving of small transactions: committed ones have read and written as in serial
+// execution in the order of their commits; and each seeded bug violates that.
 #include <algorithm>
 #include <array>
 #include <functional>
@@ -16,7 +16,7 @@ namespace tfdb::txn::forest {
 
 namespace {
 
-/// What `commit_transaction` asks of a store.
+/// The store functions that `commit_transaction` needs.
 class WalkedStore {
 public:
     WalkedStore(WalkedForest& forest, std::function<void()> before_commit)
@@ -42,14 +42,14 @@ private:
 
 using Sound = SnapshotSession<ForestMemory, ForestLock>;
 
-/// Validates, and only then waits for its turn.
+/// Validates before it waits for its turn.
 struct Hasty : Sound {
     using Sound::Sound;
     void become_alone() {}
     void take_turn() { Sound::become_alone(); }
 };
 
-/// A transaction of a walk: all that it has seen is in `log`.
+/// A transaction of a walk: `log` holds everything that it has seen.
 template <class S, class Reads>
 class Small {
 public:
@@ -59,7 +59,7 @@ public:
           workspace_(forest.frames, forest.history, mode, forest.frames, lock_, forest.history,
                      0U) {}
 
-    /// The number that the pose was made from, or the error's code below nought.
+    /// The number that the pose was made from, or a negative number for an error code.
     double ask(const std::string& target, const std::string& source, std::optional<StampNs> stamp) {
         lookup::Answer answer;
         lookup::Failure failure;
@@ -85,7 +85,7 @@ public:
         require(workspace_.look_at(id, stamp, kind) == Outcome::kOk, "what is pinned can be read");
         workspace_.put(id, sample);
     }
-    /// Only a frame without children goes.
+    /// Only a frame without children is removed.
     void remove(const std::string& name) {
         FrameId id = kNoFrame;
         std::vector<FrameId> children;
@@ -128,7 +128,7 @@ private:
 template <class S, class Reads>
 using Bodies = std::vector<std::function<void(Small<S, Reads>&)>>;
 
-/// How one ended: what it saw, and its place in the order of commits.
+/// The end of a transaction: its observations, and its place in the order of commits.
 struct Ended {
     std::size_t body = 0;
     CommitOutcome::Kind kind = CommitOutcome::kConflict;
@@ -162,7 +162,7 @@ std::string describe_state(const WalkedForest& forest, const std::vector<Questio
     return text;
 }
 
-/// Those that committed, one after another in a store of their own.
+/// Runs the committed ones serially in another store.
 template <class S, class Reads>
 std::string replay(const Script& script, const Bodies<S, Reads>& bodies,
                    const std::vector<Ended>& ended) {
@@ -179,7 +179,7 @@ std::string replay(const Script& script, const Bodies<S, Reads>& bodies,
     return describe_state(forest, script.questions);
 }
 
-/// Each body in a thread of its own; the first one alone, if `alone`: it must not lose then.
+/// Each body in its own thread; if `alone`, the first one runs alone and must not abort.
 template <class S, class Reads>
 sched::Program beside(const Script& script, Bodies<S, Reads> (*make_bodies)(), bool alone = false) {
     return [=](sched::Run& run) {
@@ -207,7 +207,7 @@ sched::Program beside(const Script& script, Bodies<S, Reads> (*make_bodies)(), b
                 committed.push_back(one);
         }
         sched::Run::require(!committed.empty(), "somebody gets through", __FILE__, __LINE__);
-        // Who only read comes right after the commit that it read.
+        // A read-only transaction comes right after the commit that it read.
         std::stable_sort(committed.begin(), committed.end(), [](const Ended& a, const Ended& b) {
             return a.place != b.place ? a.place < b.place : a.wrote && !b.wrote;
         });
@@ -241,7 +241,7 @@ const Script& increments_script() {
     return script;
 }
 
-/// Each reads in the past what the other one writes there.
+/// Each reads at past stamps where the other one writes.
 template <class S, class Reads>
 Bodies<S, Reads> late_skew() {
     return {[](Small<S, Reads>& tx) {
@@ -262,7 +262,7 @@ const Script& late_skew_script() {
     return script;
 }
 
-/// The same at the very stamp of a sample: it is replaced.
+/// The same at exactly the stamp of a sample, which is replaced.
 template <class S, class Reads>
 Bodies<S, Reads> replacing_skew() {
     return {[](Small<S, Reads>& tx) {
@@ -275,7 +275,7 @@ Bodies<S, Reads> replacing_skew() {
             }};
 }
 
-/// Each makes a frame unless the other one's is there.
+/// Each creates a frame unless the other one's frame exists.
 template <class S, class Reads>
 Bodies<S, Reads> naming_skew() {
     const auto body = [](const std::string& mine, const std::string& other) {
@@ -287,7 +287,7 @@ Bodies<S, Reads> naming_skew() {
     return {body("c", "d"), body("d", "c")};
 }
 
-/// One removes a leaf, the other hangs something below it.
+/// One removes a leaf, the other adds a child to it.
 template <class S, class Reads>
 Bodies<S, Reads> removing_skew() {
     return {[](Small<S, Reads>& tx) { tx.remove("b"); },
@@ -304,7 +304,7 @@ const Script& removing_script() {
     return script;
 }
 
-/// One moves on so far that what the other one has read is no longer retained.
+/// One advances so far that the history evicts what the other one has read.
 template <class S, class Reads>
 Bodies<S, Reads> forgetting_skew() {
     return {[](Small<S, Reads>& tx) {
@@ -325,12 +325,12 @@ const Script& forgetting_script() {
     return script;
 }
 
-/// Validates nothing.
+/// Never validates.
 struct Careless : Sound {
     using Sound::Sound;
     static constexpr bool kIsolates = false;
 };
-/// Validates against the state as it is, not as it was read.
+/// Validates against the current state instead of the state that was read.
 struct Hindsight : Sound {
     using Sound::Sound;
     [[nodiscard]] CommitNumber read_as_of() {
@@ -338,7 +338,7 @@ struct Hindsight : Sound {
         return now;
     }
 };
-/// Takes the ends of what it read for no part of it.
+/// Excludes the ends of its read ranges.
 struct ExclusiveReads : ReadSet {
     void note_range(std::size_t place, history::StampRange range) {
         constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();
@@ -350,26 +350,26 @@ struct ExclusiveReads : ReadSet {
         ReadSet::note_range(place, range);
     }
 };
-/// Forgets names that were not there.
+/// Ignores names that did not exist.
 struct BlindToNames : ReadSet {
     void note_absent(std::string_view) {}
 };
-/// Forgets that what it used must be kept.
+/// Ignores evictions of used samples.
 struct BlindToRetention : ReadSet {
     void note_used(std::size_t, StampNs) {}
 };
-/// Forgets that there were no children.
+/// Ignores that there were no children.
 struct BlindToChildren : ReadSet {
     void note_children(FrameId, const std::vector<FrameId>&) {}
 };
 
-/// Reads beside others, and says it was alone.
+/// Reads concurrently, but claims to be alone.
 struct Boastful : Sound {
     using Sound::Sound;
     void begin(Mode) { Sound::begin(Mode::kBesideOthers); }
 };
 
-/// One reads two edges, each of which somebody else moves.
+/// One reads two edges, each of which another transaction moves.
 template <class S, class Reads>
 Bodies<S, Reads> reading_two() {
     const auto move = [](const std::string& child) {
@@ -400,7 +400,7 @@ TFDB_SCHED(transactions_are_as_one_after_another) {
 }
 
 TFDB_SCHED(transactions_of_three_threads) {
-    // Three whole walks would take an hour; one turn taken away shows what there is to show.
+    // Three complete walks would take an hour; one preemption suffices to show it.
     sched::Options options;
     options.preemptions = 1;
     sched::Walk walk(options);

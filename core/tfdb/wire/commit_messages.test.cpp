@@ -1,4 +1,5 @@
-// Commits as TFMessages and bytes: together they say all, and bytes stand only where they must.
+// Commits as TFMessages and bytes: together they are complete, and bytes are used only where
+// necessary.
 #include "tfdb/wire/commit_messages.hpp"
 
 #include <algorithm>

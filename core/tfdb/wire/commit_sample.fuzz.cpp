@@ -1,5 +1,5 @@
-// libFuzzer over samples of commits and states: what is decoded leads nowhere outside the sample,
-// and is written as the same bytes.
+// libFuzzer over samples of commits and states: decoded indices stay inside the sample, and
+// encoding it again gives the same bytes.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -57,7 +57,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto* const begin = reinterpret_cast<const std::byte*>(data);
     std::vector<std::byte> bytes(begin, begin + size);
     if (size >= 4) {
-        // Else hardly any input would get beyond it.
+        // Otherwise hardly any input would get past the checksum.
         const std::uint32_t sum = tfdb::wire::crc32c(std::span(bytes).first(size - 4));
         for (std::size_t i = 0; i < 4; ++i)
             bytes[size - 4 + i] = std::byte(sum >> (8 * i));

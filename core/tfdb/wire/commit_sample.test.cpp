@@ -1,4 +1,5 @@
-// Samples of commits and states: what is written is read, and bytes of version 0 stay readable.
+// Samples of commits and states: encoding and decoding are inverse, and bytes of version 0 stay
+// readable.
 #include "tfdb/wire/commit_sample.hpp"
 
 #include <bit>
@@ -68,7 +69,7 @@ std::string to_hex(const Bytes& bytes) {
     return text;
 }
 
-/// `example`, as version 0 has it: it must be readable for ever.
+/// `example` in version 0: it must always be readable.
 constexpr const char* kVersion0 =
     "544644420001000000002a36fe9c97170123456789abcdeffedcba987654321078563412072b0303"
     "6d617004626173650462c3a4720104736c616d02010f010101020200020100020e0102e70080a8d6"
@@ -111,7 +112,7 @@ void check_example(const CommitSample& sample) {
     CHECK(sample.edges_of(sample.commits[1]).empty());
 }
 
-/// A checksum that fits what the bytes say now.
+/// Updates the checksum to the current bytes.
 void seal(Bytes& bytes) {
     const std::uint32_t sum = crc32c(std::span(bytes).first(bytes.size() - 4));
     store_u32<kCdrLittleLayout>(bytes.data() + bytes.size() - 4, sum);
@@ -119,7 +120,7 @@ void seal(Bytes& bytes) {
 
 constexpr std::size_t kHead = 36;
 
-/// A sample of kind 1 (commits) or 2 (a state), with these bytes behind its head.
+/// A sample of kind 1 (commits) or 2 (a state), with these bytes after its head.
 Bytes sample_of(unsigned kind, std::initializer_list<unsigned> behind) {
     Bytes bytes(kHead);
     const unsigned head[] = {'T', 'F', 'D', 'B', 0, kind, 0, 0, 1};
@@ -290,7 +291,7 @@ TFDB_TEST(commit_samples_with_a_bad_head_name_the_byte) {
 TFDB_TEST(commit_samples_with_a_bad_body_name_the_byte) {
     struct Case {
         Bytes bytes;
-        std::size_t at;  // behind the head
+        std::size_t at;  // offset after the head
         std::string text;
     };
     const Case cases[] = {
@@ -341,7 +342,7 @@ TFDB_TEST(commit_samples_with_a_bad_body_name_the_byte) {
 }
 
 TFDB_TEST(commit_samples_have_one_spelling) {
-    // A state's and a commit's frames "a" and "b", the least that is sound.
+    // A state's and a commit's frames "a" and "b", the smallest valid samples.
     CommitSample sample;
     sample.decode(sample_of(1, {0, 1, 2, 1, 'a', 1, 'b', 0, 1, 1, 0, 0}));
     sample.decode(sample_of(2, {1, 2, 1, 'a', 1, 'b', 0, 2, 4, 0, 4, 0}));
@@ -354,7 +355,7 @@ TFDB_TEST(commit_samples_have_one_spelling) {
     CHECK(sample.rows[0].gone);
     struct Case {
         Bytes bytes;
-        std::size_t at;  // behind the head
+        std::size_t at;  // offset after the head
         std::string text;
     };
     const Case cases[] = {

@@ -1,4 +1,4 @@
-// Chunks of MCAP files, whole ones and such as lie about their lengths.
+// Chunks of MCAP files, intact ones and ones with wrong lengths.
 #include "tfdb/wire/mcap_records.hpp"
 
 #include <limits>

@@ -1,4 +1,4 @@
-// Chunks that are written: of MCAP files as the reader of chunks finds them, of bags byte for byte.
+// Written chunks: of MCAP files as the chunk reader reads them, of bags byte for byte.
 #include "tfdb/wire/message_chunk.hpp"
 
 #include <cstring>

@@ -57,7 +57,7 @@ TFDB_TEST(selection_asks_once_for_each_rule_and_edge) {
     });
     for (StampNs stamp = 0; stamp < 50; ++stamp) {
         for (const std::uint32_t rule : {0U, 1U}) {
-            // Joined, the names of these edges are alike.
+            // The concatenated names of these edges are equal.
             std::vector<TransformView> members{view("a", "bc", stamp), view("ab", "c", stamp),
                                                view("a", "b", stamp)};
             selection.apply(rule, false, members);
@@ -131,7 +131,7 @@ TFDB_TEST(selection_throws_what_the_choice_throws_and_asks_again) {
     CHECK_EQ(members.size(), 1U);
 }
 
-/// The names stay valid while more edges are learned.
+/// The names stay valid while more edges are added.
 TFDB_TEST(selection_agrees_with_a_filter_on_random_messages) {
     std::mt19937 random(20251);
     const std::array<std::string, 6> frames{

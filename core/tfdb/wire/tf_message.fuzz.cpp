@@ -1,5 +1,5 @@
-// libFuzzer over the decoder and the encoder: the first byte chooses the encoding, the rest is the
-// message. Needs no corpus: the mutator makes valid messages of its own and damages those.
+// libFuzzer over the decoder and the encoder: the first byte selects the encoding, the rest is the
+// message. It needs no corpus: the mutator creates valid messages and damages them.
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
@@ -49,7 +49,8 @@ void check_contents(std::span<const std::byte> data, std::span<const TransformVi
     }
 }
 
-// What one encoding accepted, each of them carries: exactly, and in one canonical form.
+// Each encoding represents everything that any encoding accepts: exactly, and in one canonical
+// form.
 void check_round_trip(std::span<const TransformView> transforms, Encoding accepted) {
     static std::vector<std::byte> bytes;
     static std::vector<std::byte> again;
@@ -68,7 +69,7 @@ void check_round_trip(std::span<const TransformView> transforms, Encoding accept
     }
 }
 
-// Overwrites an aligned word, which is where counts, lengths and stamps lie, by a telling number.
+// Overwrites an aligned word, where counts, lengths and stamps lie, with a special number.
 void damage_word(std::uint8_t* data, std::size_t size, std::mt19937& random) {
     constexpr std::uint32_t kTelling[] = {0,          1,          2,          4,
                                           0x7fffffff, 0x80000000, 0xffffffff, 999999999,

@@ -41,7 +41,7 @@ void check_golden(std::string_view hex, std::initializer_list<Encoding> encoding
     }
 }
 
-// One transform, put together field by field from the definition of the formats.
+// One transform, built field by field from the format definitions.
 const std::string kHandPose = [] {
     const double values[] = {1.0, -2.0, 0.5, 0.0, 0.6, 0.0, 0.8};
     return std::string(reinterpret_cast<const char*>(values), sizeof values);
@@ -172,7 +172,7 @@ TFDB_TEST(wire_round_trip_is_exact) {
         for (const Encoding encoding : kAllEncodings) {
             const std::vector<std::byte> bytes = encoded(message.transforms, encoding);
             if (!same_bits(decoded(bytes, encoding), message.transforms)) {
-                CHECK_EQ(round, -1);  // says in which round
+                CHECK_EQ(round, -1);  // reports the round
             }
         }
     }

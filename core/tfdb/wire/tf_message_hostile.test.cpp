@@ -20,8 +20,8 @@ struct Refusal {
     std::string reason;
 };
 
-// Decodes from a heap block of exactly that size, so that AddressSanitizer sees the first byte too
-// far, into an output that holds something, and checks what a refusal promises.
+// Decodes from a heap block of exactly that size, so that AddressSanitizer detects a read past the
+// end, into a non-empty output, and checks the promises of a rejection.
 std::optional<Refusal> refusal_of(std::span<const std::byte> data, Encoding encoding) {
     const std::vector<std::byte> exact(data.begin(), data.end());
     std::vector<TransformView> out(3);
@@ -65,7 +65,7 @@ std::vector<std::byte> changed(std::vector<std::byte> bytes, std::size_t at,
 }  // namespace
 
 TFDB_TEST(wire_every_truncation_is_refused) {
-    // Behind long names the count alone does not give a truncation away.
+    // With long names, the count alone does not reveal a truncation.
     const std::string longer(300, 'l');
     std::vector<TransformView> long_names = testing::golden_message();
     long_names.resize(2);
@@ -177,7 +177,7 @@ TFDB_TEST(wire_values_that_no_store_takes_are_passed_on) {
     CHECK_EQ(decode(cdr, Encoding::kCdr, 8, "\xff\xff\xff\xff"sv).stamp, nanos - kSecond);
     CHECK_EQ(decode(cdr, Encoding::kCdr, 8, "\0\0\0\x80"sv).stamp,
              nanos - (std::int64_t{1} << 31) * kSecond);
-    // The same word is not negative in ROS 1.
+    // In ROS 1 the same word is not negative.
     CHECK_EQ(decode(ros1, Encoding::kRos1, 8, "\0\0\0\x80"sv).stamp,
              nanos + (std::int64_t{1} << 31) * kSecond);
     for (const auto& [from, encoding] :
@@ -252,7 +252,7 @@ TFDB_TEST(wire_the_delimiter_header_must_be_exact) {
     longer.resize(longer.size() + 2);
     check_refused(longer, Encoding::kCdr, cdr2.size(),
                   "the sequence ends before its delimiter header says");
-    // The count belongs to what the delimiter counts.
+    // The delimiter's size includes the count.
     check_refused(as_bytes("\0\x07\0\0\x02\0\0\0\0\0\0\0"sv), Encoding::kCdr, 8,
                   "truncated in the count of transforms");
 }
