@@ -347,7 +347,7 @@ Pinned pin(nb::handle self, const ReadsObject& object) {
     return {object.held, *object.reads, *object.waits};
 }
 
-void check_not_in_transaction(const StoreReaderObject& object) {
+void check_not_in_transaction(const ReadsObject& object) {
     // Reads of a snapshot have a defined state, even inside a transaction.
     if (object.waits->transactions() && object.held == nullptr) {
         nb::inst_ptr<BufferObject>(object.buffer)->store.check_not_in_transaction();

@@ -40,7 +40,7 @@ private:
     std::atomic<std::uint64_t> word_{0};
 };
 
-/// The object behind the Python class StoreReader. Threads: the holder of the GIL; without a GIL,
+/// The object behind the Python class Reads. Threads: the holder of the GIL; without a GIL,
 /// any.
 /// Guarantee: `reads` is null once it is closed, and nothing is read after that.
 struct ReadsObject {
@@ -91,7 +91,7 @@ struct BufferObject : ReadsObject {
 
     Buffer store;
     std::atomic<bool> closed{false};
-    std::atomic<bool> waits_begun{false};  // see `_set_waits_begun`
+    std::atomic<bool> told{false};  // see `_set_told`
     Reasons reasons;
     NameCache own_names;
     PathNames own_paths;
@@ -188,11 +188,11 @@ struct Pinned {
     }
 };
 /// Throws SnapshotClosed; TransactionActive if a thread reads a buffer during its transaction.
-Pinned pin(nb::handle self, const StoreReaderObject& object);
+Pinned pin(nb::handle self, const ReadsObject& object);
 
 /// Throws TransactionActive if the object is a buffer and this thread has an open transaction of
 /// it.
-void check_not_in_transaction(const StoreReaderObject& object);
+void check_not_in_transaction(const ReadsObject& object);
 
 /// Throws TypeError: `self` is not an `expected`, or, if that is null, its __init__ never ran.
 [[noreturn]] void throw_not_made(nb::handle self, const char* expected);
@@ -228,7 +228,7 @@ Object& object_of(nb::handle self) {
 }
 
 /// The same for callers that know the class, such as methods whose `self` Python has checked.
-inline StoreReaderObject& made_reads(PyObject* self) {
+inline ReadsObject& made_reads(PyObject* self) {
     if (!nb::inst_ready(self)) {
         throw_not_made(self, nullptr);
     }
@@ -237,7 +237,7 @@ inline StoreReaderObject& made_reads(PyObject* self) {
 
 void bind_signals();
 void bind_reads(nb::module_& module);
-/// The methods that bypass nanobind: of StoreReader, of Buffer, of Transaction. The classes of
+/// The methods that bypass nanobind: of Reads, of Buffer, of Transaction. The classes of
 /// `tfdb` get them directly, which makes calls faster.
 void add_raw_reads(nb::handle type);
 void add_raw_batch(nb::handle type);
@@ -247,12 +247,12 @@ void add_raw_transaction_writes(nb::handle type);
 void bind_batch(nb::class_<ReadsObject>& type);
 void bind_records(nb::class_<ReadsObject>& type);
 void bind_buffer(nb::module_& module);
-void bind_changes(nb::class_<BufferObject, StoreReaderObject>& type);
-void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type);
-void bind_state_bytes(nb::class_<SnapshotObject, StoreReaderObject>& type);
-void bind_clock(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
-void bind_watch(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
-void bind_waits(nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_changes(nb::class_<BufferObject, ReadsObject>& type);
+void bind_commits(nb::class_<BufferObject, ReadsObject>& type);
+void bind_state_bytes(nb::class_<SnapshotObject, ReadsObject>& type);
+void bind_clock(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
+void bind_watch(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
+void bind_waits(nb::class_<BufferObject, ReadsObject>& type);
 /// `adopt_classes`, and functions for Python modules.
 void bind_helpers(nb::module_& module);
 /// Functions for streams.
