@@ -243,6 +243,32 @@ def test_a_fenced_home_that_lost_nothing_goes_on_as_a_mirror_without_a_state(lin
             assert state_of(source) == state_of(spare)
 
 
+def test_a_home_keeps_its_state_if_lost_commits_are_gone(links: Links, tmp_path: Path) -> None:
+    source, spare = tfdb.Buffer(history=1.0), tfdb.Buffer(history=1.0)
+    source.set_transform("map", "base", 0, *pose(1))
+    lost = tmp_path / "lost"
+    home = new_home(source, links(), keep_lost=lost)
+    mirror = Mirror(spare, NAME, links())
+    mirror.wait_until_live(LONGEST)
+    mirror._stop()
+    with Mirror(tfdb.Buffer(), NAME, links()) as other:
+        for second in range(10, 20):
+            source.set_transform("map", "base", second * 10**9, *pose(2))
+            wait_for_commit(other, source.commit)
+    with pytest.raises(tfdb.errors.Gone):
+        source.commits_bytes(1)
+    beyond = state_of(source)
+    epoch = epoch_after(home.epoch)
+    with Home(spare, NAME, links(), epoch, origin=take_over(spare, NAME, epoch)):
+        event = wait_for(home.events(), "fenced")
+    assert event.before == (home.epoch, 1)
+    assert f"{lost} has the whole state, since not all of them are kept any more" in event.text
+    copy = tfdb.Buffer()
+    copy.apply(lost.read_bytes())
+    assert state_of(copy) == beyond
+    home.close()
+
+
 def test_a_promoted_home_keeps_the_commits_that_it_loses(links: Links, tmp_path: Path) -> None:
     source, spare, other = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
     source.set_transform("map", "base", 0, *pose(1))

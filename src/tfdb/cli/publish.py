@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 @click.option(
     "--keep-lost",
     metavar="FILE",
-    help="If a later home takes over, write the commits that it lacks to this new file.",
+    help="If a later home takes over, write the commits that it lacks to this new file. If some of"
+    " them are no longer kept, write the state.",
 )
 @network_options
 @common.json_lines_option

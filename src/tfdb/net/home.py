@@ -14,6 +14,7 @@ from tfdb.data.closable import Closable
 from tfdb.data.errors import (
     CorruptMessage,
     FeedLapped,
+    Gone,
     NotSupported,
     StoreExists,
     TfdbError,
@@ -296,12 +297,18 @@ class Home(Closable):
         if self._keep_lost is None:
             return ""
         try:
-            data = self._buffer.commits_bytes(fork, max_commits=_ALL, max_bytes=_ALL)
+            try:
+                data = self._buffer.commits_bytes(fork, max_commits=_ALL, max_bytes=_ALL)
+                what = "them"
+            except (FeedLapped, Gone):
+                with self._buffer.snapshot() as snap:
+                    data = snap.state_bytes()
+                what = "the whole state, since not all of them are kept any more"
             with new_file(self._keep_lost) as path:
                 path.write_bytes(in_epoch(data, self.epoch))
         except (OSError, TfdbError) as error:
             return f"They could not be written: {error}. "
-        return f"{self._keep_lost} has them. "
+        return f"{self._keep_lost} has {what}. "
 
     def _leave(self) -> None:
         for each in reversed(self._declared):
@@ -376,7 +383,8 @@ def publish(
         Publish also if the namespace has a home, which then stops.
     keep_lost
         A new file. If a mirror of this home is promoted, and this home then stops, it gets the
-        commits that the later home lacks, as bytes for `apply`. None: no file.
+        commits that the later home lacks, as bytes for `apply`. It gets the state of the store
+        where the feed or the history no longer has all of them. None: no file.
 
     Returns
     -------
