@@ -54,6 +54,8 @@ class Node:
     copy: Copy | None = None
     state: str = ""
     """The last state that its mirror has told."""
+    is_promoted: bool = False
+    """It was told to be the home, and has not answered yet."""
     paused: tuple[Epoch, int] | None = None
     """The epoch and the last commit of a home that waits."""
     rewound: int = 0
@@ -123,7 +125,7 @@ class Faults:
         assert node.process.stdout is not None
         os.set_blocking(node.process.stdout.fileno(), False)
         node.unread, node.state, node.paused = b"", "", None
-        node.rewound = 0
+        node.rewound, node.is_promoted = 0, False
         if node.copy is not None:
             node.copy.steps_back = 0
 
@@ -192,6 +194,8 @@ class Faults:
         """Take note of a line."""
         kind = line["kind"]
         epoch = epoch_of_text(line["epoch"]) if "epoch" in line else NONE
+        if kind in ("home", "refused"):
+            node.is_promoted = False
         if kind == "home":
             node.role = kind
             self.open_copy(node).own.add(epoch)
@@ -329,7 +333,8 @@ class Faults:
         if hold is not None:
             hold(home)
         later = self.one("mirror")
-        if later.role == "mirror":
+        if later.role == "mirror" and not later.is_promoted:
+            later.is_promoted = True
             self.say(later, f"promote {next(self.tags)}")
         if hold is None:
             self.look(self.pace)
@@ -389,7 +394,7 @@ class Faults:
         if home.role != "home":
             home.paused = None
         return home.paused is not None and all(
-            (node.role, node.state) == ("mirror", "live")
+            (node.role, node.state, node.is_promoted) == ("mirror", "live", False)
             and node.copy is not None
             and node.copy.place == home.paused
             for node in mirrors
