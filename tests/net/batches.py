@@ -155,11 +155,13 @@ class Judge:
         """
         if later not in self.tag_of:
             return False
-        fork = last[0] - alone
-        wanted = fork, int(self.tags(last[1], np.array([fork]))[0])
-        begin = self.begins[self.tag_of[later]]
-        if begin != wanted:
-            raise BrokenPromiseError(f"the fork is batch {begin}, and the old home said {wanted}")
+        # There may be homes between: the later one has what it began with of them.
+        begin, parent = self.begins[self.tag_of[later]]
+        numbers = np.arange(min(begin, last[0]) + 1)
+        common = numbers[self.tags(parent, numbers) == self.tags(last[1], numbers)]
+        if common[-1] != last[0] - alone:
+            text = f"the later home has batch {common[-1]}, and the old one has {alone} behind it"
+            raise BrokenPromiseError(f"{text} alone, up to {last[0]}")
         return True
 
 

@@ -164,10 +164,12 @@ def test_the_judge_counts_steps_back_to_a_later_home() -> None:
 
 def test_the_judge_compares_the_fork_with_the_commits_that_the_old_home_lost() -> None:
     judge = Judge()
-    judge.begins |= {1: (0, 0), 2: (30, 1)}
+    judge.begins |= {1: (0, 0), 2: (30, 1), 3: (50, 2)}
     assert not judge.compare_fork(9, (40, 1), 10)
-    judge.tag_of[9] = 2
-    assert judge.compare_fork(9, (40, 1), 10)
-    for wrong in (9, 11):
-        with pytest.raises(BrokenPromiseError, match="the fork is batch"):
-            judge.compare_fork(9, (40, 1), wrong)
+    judge.tag_of |= {8: 3, 9: 2}
+    for later in (8, 9):  # the later one of two, and the first
+        assert judge.compare_fork(later, (40, 1), 10)
+        assert judge.compare_fork(later, (30, 1), 0)
+        for wrong in (9, 11):
+            with pytest.raises(BrokenPromiseError, match="the later home has batch 30"):
+                judge.compare_fork(later, (40, 1), wrong)
