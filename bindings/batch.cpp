@@ -75,7 +75,7 @@ PyObject* lookup_transforms(PyObject* self, PyObject* const* args, Py_ssize_t co
         constexpr ParameterList kList{"lookup_transforms", kBatchNames, 3, 4};
         const auto [target, source, stamps, policy, layout, out, missing] =
             bind<7>(kList, args, count, keywords);
-        const ReadsObject& object = made_reads(self);
+        const StoreReaderObject& object = made_reads(self);
         const Pinned pinned = pin(self, object);
         const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
         const std::span<const StampNs> when = wanted.stamps.values();
@@ -170,7 +170,7 @@ Points points_out(const Points& from, nb::handle out) {
 nb::object transform_points(nb::handle self, nb::handle target, nb::handle source,
                             nb::handle points, nb::handle stamps, nb::handle policy, nb::handle out,
                             nb::handle missing) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const PointsWanted wanted(target, source, points, stamps, policy, out, missing);
     {
         const LongWork work(pinned.may_wait() || wanted.from.count >= kReleaseFromRows);
@@ -181,7 +181,7 @@ nb::object transform_points(nb::handle self, nb::handle target, nb::handle sourc
 
 nb::object lookup_edges(nb::handle self, nb::handle frames, nb::handle stamp, nb::handle policy,
                         nb::handle out, nb::handle dtype, nb::handle missing) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     EdgesWanted wanted(frames, stamp, policy, out, dtype, missing);
     {
         const LongWork work(pinned.may_wait() || wanted.size() >= kReleaseFromEdges);
@@ -430,7 +430,7 @@ void add_raw_batch(nb::handle type) {
     add_raw_method(type, g_lookup_transforms);
 }
 
-void bind_batch(nb::class_<ReadsObject>& type) {
+void bind_batch(nb::class_<StoreReaderObject>& type) {
     bind_lookup_edges(type, &lookup_edges, kLookupEdgesDoc);
     bind_transform_points(type, &transform_points, kTransformPointsDoc);
 }

@@ -182,7 +182,7 @@ nb::object frozen(const BufferObject& self) {
 }
 
 void freeze_store(nb::handle self, nb::handle path, std::string_view origin) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string file = path_of(path);
     const LongWork work(true);
     if (pinned.keep != nullptr) {
@@ -363,7 +363,7 @@ RepeatedStamp, CycleError: that of the first refused member, with its `index`, a
 left, and
 TypeError for what is not a transform at all.)";
 
-using BufferClass = nb::class_<BufferObject, ReadsObject>;
+using BufferClass = nb::class_<BufferObject, StoreReaderObject>;
 
 constexpr const char* kCompactDoc =
     R"(Return unused memory to the operating system.
@@ -474,10 +474,11 @@ void bind_frozen(nb::module_& module, BufferClass& type) {
     type.def_prop_ro("frozen", &frozen, nb::sig("def frozen(self) -> tfdb.types.Frozen | None"),
                      "Facts about a frozen store; None if the store is not frozen.");
     add_raw_function(module, g_open);
-    module.def("freeze_store", &freeze_store, nb::arg("reads"), nb::arg("path"), nb::arg("origin"),
-               nb::sig("def freeze_store(reads: Reads, path: os.PathLike[str], origin: str) -> "
-                       "None"),
-               "Write a state into that file. Raises as `Reads.freeze`.");
+    module.def(
+        "freeze_store", &freeze_store, nb::arg("reads"), nb::arg("path"), nb::arg("origin"),
+        nb::sig("def freeze_store(reads: StoreReader, path: os.PathLike[str], origin: str) -> "
+                "None"),
+        "Write a state into that file. Raises as `StoreReader.freeze`.");
 }
 
 /// What `Buffer.open` and `Buffer.unlink` are made of: see shared.py.

@@ -149,7 +149,7 @@ TransactionActive
 
 }  // namespace
 
-void bind_changes(nb::class_<BufferObject, ReadsObject>& type) {
+void bind_changes(nb::class_<BufferObject, StoreReaderObject>& type) {
     type.def("changes", &changes, nb::arg("since").none(), nb::arg("limit").none() = nb::none(),
              nb::kw_only(), nb::arg("frames").none() = nb::none(),
              nb::sig("def changes(self, since: int, limit: int | None = None, *, "

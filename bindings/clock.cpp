@@ -238,7 +238,7 @@ void bind_for_players(nb::class_<ClockObject>& made) {
 
 }  // namespace
 
-void bind_clock(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
+void bind_clock(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type) {
     type.def_prop_ro("clock", &clock_of, nb::sig("def clock(self) -> Clock"),
                      "Clock of the store, the same for all processes that have it open. A function "
                      "given as `clock=` replaces it in the lookups of this Buffer.");

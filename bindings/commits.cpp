@@ -279,7 +279,7 @@ Raises SnapshotTooOld, SnapshotClosed; InvalidName for a name that no frame can 
 
 }  // namespace
 
-void bind_commits(nb::class_<BufferObject, ReadsObject>& type) {
+void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type) {
     type.def("commits_bytes", &commits_bytes, nb::arg("since").none(), nb::kw_only(),
              nb::arg("max_commits").none() = 64, nb::arg("max_bytes").none() = 1 << 20,
              nb::arg("frames").none() = nb::none(),
@@ -330,7 +330,7 @@ nothing else. Returns None, and changes nothing, if the position is elsewhere.)"
         "The store's epoch: a new store has a later one. Its commits are numbered in it.");
 }
 
-void bind_state_bytes(nb::class_<SnapshotObject, ReadsObject>& type) {
+void bind_state_bytes(nb::class_<SnapshotObject, StoreReaderObject>& type) {
     type.def("state_bytes", &state_bytes, nb::kw_only(), nb::arg("frames").none() = nb::none(),
              nb::arg("newest").none() = nb::none(),
              nb::sig("def state_bytes(self, *, "

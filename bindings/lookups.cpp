@@ -51,7 +51,7 @@ public:
         }
     }
 
-    [[nodiscard]] const Reads& reads() const { return *reads_; }
+    [[nodiscard]] const StoreReader& reads() const { return *reads_; }
     [[nodiscard]] NameCache& names() const { return *object_.names; }
     [[nodiscard]] PathNames& paths() const { return *object_.paths; }
     /// Whether the GIL must not be kept.
@@ -64,14 +64,14 @@ private:
     static constexpr bool kWithoutGil = false;
 #endif
 
-    const ReadsObject& object_;
-    const Reads* reads_;
+    const StoreReaderObject& object_;
+    const StoreReader* reads_;
     bool may_wait_;
     std::shared_ptr<Snapshot> keep_;
 };
 
-/// Looks up two frames by the cached handles of their names; if a frame is gone, by the names in one
-/// state. Null: no answer. The question then contains the names.
+/// Looks up two frames by the cached handles of their names; if a frame is gone, by the names in
+/// one state. Null: no answer. The question then contains the names.
 const Answer* ask(const Open& open, PyObject* target, PyObject* source, Question& question,
                   Failure& failure) {
     NameCache& names = open.names();

@@ -9,7 +9,7 @@ namespace tfdb::python {
 namespace {
 
 /// Empty if the slot was reused since.
-nb::object name_of_frame(const Reads& reads, FrameHandle frame) {
+nb::object name_of_frame(const StoreReader& reads, FrameHandle frame) {
     const std::string name = reads.frame_name(frame.id, frame.generation);
     if (!reads.is_current(frame)) {
         return {};
@@ -19,7 +19,7 @@ nb::object name_of_frame(const Reads& reads, FrameHandle frame) {
 
 }  // namespace
 
-nb::object PathNames::make(const Reads& reads, std::span<const EdgeUse> edges) {
+nb::object PathNames::make(const StoreReader& reads, std::span<const EdgeUse> edges) {
     nb::list names;
     std::vector<Frames> frames;
     frames.reserve(edges.size());

@@ -40,7 +40,7 @@ public:
     }
     /// Creates and caches it. Empty if a frame's slot was reused since: look up again. May run
     /// Python code; other lookups must not write to `edges`.
-    [[nodiscard]] nb::object make(const Reads& reads, std::span<const EdgeUse> edges);
+    [[nodiscard]] nb::object make(const StoreReader& reads, std::span<const EdgeUse> edges);
 
 private:
     struct Frames {

@@ -20,22 +20,22 @@
 namespace tfdb::python {
 namespace {
 
-bool is_buffer(const ReadsObject& object) {
+bool is_buffer(const StoreReaderObject& object) {
     return &object == nb::inst_ptr<BufferObject>(object.buffer);
 }
 
 nb::object lookup_transform_full(nb::handle self, nb::handle target, nb::handle target_stamp,
                                  nb::handle source, nb::handle source_stamp, nb::handle fixed,
                                  nb::handle policy) {
-    const ReadsObject& object = object_of<ReadsObject>(self);
+    const StoreReaderObject& object = object_of<StoreReaderObject>(self);
     const Question question =
         question_through(fixed, target, target_stamp, source, source_stamp, policy);
     const Pinned pinned = pin(self, object);
     Answer answer;
     nb::object names;
     while (!names.is_valid()) {
-        answer =
-            pinned.ask([&](const Reads& reads) { return store::answer_or_raise(reads, question); });
+        answer = pinned.ask(
+            [&](const StoreReader& reads) { return store::answer_or_raise(reads, question); });
         names = object.paths->make(pinned.reads, answer.edges);
     }
     PyObject* made = new_transform(answer, target.ptr(), source.ptr(), names.ptr());
@@ -50,47 +50,47 @@ bool can_transform_full(nb::handle self, nb::handle target, nb::handle target_st
                         nb::handle policy) {
     const Question question =
         question_through(fixed, target, target_stamp, source, source_stamp, policy);
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
-    return pinned.ask([&](const Reads& reads) { return store::can_answer(reads, question); });
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
+    return pinned.ask([&](const StoreReader& reads) { return store::can_answer(reads, question); });
 }
 
 StampNs latest_common_time(nb::handle self, nb::handle target, nb::handle source) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
-    return pinned.ask([&](const Reads& reads) { return reads.latest_common_time(to, from); });
+    return pinned.ask([&](const StoreReader& reads) { return reads.latest_common_time(to, from); });
 }
 
 nb::tuple common_times(nb::handle self, nb::handle target, nb::handle source) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
     const CommonTimes times =
-        pinned.ask([&](const Reads& reads) { return reads.common_times(to, from); });
+        pinned.ask([&](const StoreReader& reads) { return reads.common_times(to, from); });
     return nb::make_tuple(times.oldest, times.newest);
 }
 
 nb::object lookup_velocity(nb::handle self, nb::handle target, nb::handle source, nb::handle when,
                            nb::handle interval, nb::handle reference, nb::handle point,
                            nb::handle point_frame) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const VelocityWanted wanted(target, source, when, interval, reference, point, point_frame);
-    return twist_record(pinned.ask([&](const Reads& reads) { return wanted.of(reads); }));
+    return twist_record(pinned.ask([&](const StoreReader& reads) { return wanted.of(reads); }));
 }
 
 nb::object path_stamps(nb::handle self, nb::handle target, nb::handle source, nb::handle start,
                        nb::handle end) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
     const std::optional<StampNs> first = optional_stamp_of(start.ptr());
     const std::optional<StampNs> last = optional_stamp_of(end.ptr());
     return stamp_array(pinned.ask_long(
-        [&](const Reads& reads) { return reads.path_stamps(to, from, first, last); }));
+        [&](const StoreReader& reads) { return reads.path_stamps(to, from, first, last); }));
 }
 
-CommitNumber commit_of(const ReadsObject& object) {
-    if (const Reads* const reads = object.reads; reads != nullptr) {
+CommitNumber commit_of(const StoreReaderObject& object) {
+    if (const StoreReader* const reads = object.reads; reads != nullptr) {
         return reads->commit();
     }
     if (is_buffer(object)) {
@@ -137,7 +137,7 @@ Transform
 
 Raises what `lookup_transform` raises.)";
 
-void bind_full_lookups(nb::class_<ReadsObject>& type) {
+void bind_full_lookups(nb::class_<StoreReaderObject>& type) {
     type.def("lookup_transform_full", &lookup_transform_full, nb::arg("target").none(),
              nb::arg("target_stamp").none(), nb::arg("source").none(),
              nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
@@ -158,7 +158,7 @@ void bind_full_lookups(nb::class_<ReadsObject>& type) {
              "Whether `lookup_transform_full` with these arguments has an answer.");
 }
 
-void bind_other_reads(nb::class_<ReadsObject>& type) {
+void bind_other_reads(nb::class_<StoreReaderObject>& type) {
     type.def("latest_common_time", &latest_common_time, nb::arg("target").none(),
              nb::arg("source").none(),
              nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
@@ -216,7 +216,7 @@ nb::object at(nb::handle self, nb::handle commit) {
     const CommitNumber wanted = count_of(commit, "commit", 0, kMaxCommit);
     const Pinned pinned = pin(self, object);
     return snapshot_object(object.owner,
-                           pinned.ask([&](const Reads&) { return pinned.keep->at(wanted); }));
+                           pinned.ask([&](const StoreReader&) { return pinned.keep->at(wanted); }));
 }
 
 void close(nb::handle self) {
@@ -240,7 +240,7 @@ PyType_Slot g_snapshot_slots[] = {
 };
 
 void bind_snapshot(nb::module_& module) {
-    auto type = native_class<nb::class_<SnapshotObject, ReadsObject>>(
+    auto type = native_class<nb::class_<SnapshotObject, StoreReaderObject>>(
         module, "Snapshot", nb::type_slots(g_snapshot_slots));
     refuse_construction<SnapshotObject>(type, "Buffer.snapshot() makes snapshots");
     bind_state_bytes(type);
@@ -326,7 +326,7 @@ Question question_through(nb::handle fixed, nb::handle target, nb::handle target
                             optional_stamp_of(source_stamp.ptr()), policy_of(policy.ptr()));
 }
 
-void throw_closed(const ReadsObject& object) {
+void throw_closed(const StoreReaderObject& object) {
     ErrorDetail detail;
     detail.commit = object.closed_commit;
     if (is_buffer(object)) {
@@ -338,7 +338,7 @@ void throw_closed(const ReadsObject& object) {
                          detail);
 }
 
-Pinned pin(nb::handle self, const ReadsObject& object) {
+Pinned pin(nb::handle self, const StoreReaderObject& object) {
     nb::ft_object_guard guard(self);
     if (object.reads == nullptr) {
         throw_closed(object);
@@ -347,7 +347,7 @@ Pinned pin(nb::handle self, const ReadsObject& object) {
     return {object.held, *object.reads, *object.waits};
 }
 
-void check_not_in_transaction(const ReadsObject& object) {
+void check_not_in_transaction(const StoreReaderObject& object) {
     // Reads of a snapshot have a defined state, even inside a transaction.
     if (object.waits->transactions() && object.held == nullptr) {
         nb::inst_ptr<BufferObject>(object.buffer)->store.check_not_in_transaction();
@@ -365,13 +365,13 @@ void throw_not_made(nb::handle self, const char* expected) {
 }
 
 void bind_reads(nb::module_& module) {
-    auto type = offered_class<nb::class_<ReadsObject>>(module, "Reads", R"(Reads()
+    auto type = offered_class<nb::class_<StoreReaderObject>>(module, "StoreReader", R"(StoreReader()
 --
 
 What Buffer and Snapshot can be asked.
 
 Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.)");
-    refuse_construction<ReadsObject>(type, "this class is abstract: create a Buffer");
+    refuse_construction<StoreReaderObject>(type, "this class is abstract: create a Buffer");
     bind_full_lookups(type);
     bind_other_reads(type);
     bind_batch(type);

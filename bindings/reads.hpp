@@ -40,11 +40,11 @@ private:
     std::atomic<std::uint64_t> word_{0};
 };
 
-/// The object behind the Python class Reads. Threads: the holder of the GIL; without a GIL,
+/// The object behind the Python class StoreReader. Threads: the holder of the GIL; without a GIL,
 /// any.
 /// Guarantee: `reads` is null once it is closed, and nothing is read after that.
-struct ReadsObject {
-    const Reads* reads = nullptr;
+struct StoreReaderObject {
+    const StoreReader* reads = nullptr;
     const Reasons* waits = nullptr;  // of the buffer
     NameCache* names = nullptr;      // of the buffer
     PathNames* paths = nullptr;      // of the buffer
@@ -54,7 +54,7 @@ struct ReadsObject {
     std::shared_ptr<Snapshot> held;  // of a snapshot
 };
 
-[[noreturn]] void throw_closed(const ReadsObject& object);
+[[noreturn]] void throw_closed(const StoreReaderObject& object);
 
 /// The refused edges that a warning has named, once per error. It forgets all of them if they
 /// become too many, as with names from damaged messages.
@@ -72,7 +72,7 @@ private:
     std::set<std::pair<ErrorCode, std::string>> edges_;
 };
 
-struct BufferObject : ReadsObject {
+struct BufferObject : StoreReaderObject {
     explicit BufferObject(Buffer opened) : store(std::move(opened)) { point_at_own(); }
     explicit BufferObject(const BufferOptions& options) : store(options) {
         point_at_own();
@@ -91,7 +91,7 @@ struct BufferObject : ReadsObject {
 
     Buffer store;
     std::atomic<bool> closed{false};
-    std::atomic<bool> told{false};  // see `_set_told`
+    std::atomic<bool> waits_begun{false};  // see `_set_waits_begun`
     Reasons reasons;
     NameCache own_names;
     PathNames own_paths;
@@ -107,7 +107,7 @@ private:
     }
 };
 
-struct SnapshotObject : ReadsObject {
+struct SnapshotObject : StoreReaderObject {
     nb::object owner;  // keeps `buffer` alive
 };
 
@@ -169,7 +169,7 @@ private:
 /// even if another thread closes it.
 struct Pinned {
     std::shared_ptr<Snapshot> keep;
-    const Reads& reads;
+    const StoreReader& reads;
     const Reasons& waits;
 
     /// Whether the next call must not keep the GIL.
@@ -188,11 +188,11 @@ struct Pinned {
     }
 };
 /// Throws SnapshotClosed; TransactionActive if a thread reads a buffer during its transaction.
-Pinned pin(nb::handle self, const ReadsObject& object);
+Pinned pin(nb::handle self, const StoreReaderObject& object);
 
 /// Throws TransactionActive if the object is a buffer and this thread has an open transaction of
 /// it.
-void check_not_in_transaction(const ReadsObject& object);
+void check_not_in_transaction(const StoreReaderObject& object);
 
 /// Throws TypeError: `self` is not an `expected`, or, if that is null, its __init__ never ran.
 [[noreturn]] void throw_not_made(nb::handle self, const char* expected);
@@ -228,39 +228,39 @@ Object& object_of(nb::handle self) {
 }
 
 /// The same for callers that know the class, such as methods whose `self` Python has checked.
-inline ReadsObject& made_reads(PyObject* self) {
+inline StoreReaderObject& made_reads(PyObject* self) {
     if (!nb::inst_ready(self)) {
         throw_not_made(self, nullptr);
     }
-    return *nb::inst_ptr<ReadsObject>(self);
+    return *nb::inst_ptr<StoreReaderObject>(self);
 }
 
 void bind_signals();
 void bind_reads(nb::module_& module);
-/// The methods that bypass nanobind: of Reads, of Buffer, of Transaction. The classes of
+/// The methods that bypass nanobind: of StoreReader, of Buffer, of Transaction. The classes of
 /// `tfdb` get them directly, which makes calls faster.
 void add_raw_reads(nb::handle type);
 void add_raw_batch(nb::handle type);
 void add_raw_waits(nb::handle type);
 void add_raw_writes(nb::handle type);
 void add_raw_transaction_writes(nb::handle type);
-void bind_batch(nb::class_<ReadsObject>& type);
-void bind_records(nb::class_<ReadsObject>& type);
+void bind_batch(nb::class_<StoreReaderObject>& type);
+void bind_records(nb::class_<StoreReaderObject>& type);
 void bind_buffer(nb::module_& module);
-void bind_changes(nb::class_<BufferObject, ReadsObject>& type);
-void bind_commits(nb::class_<BufferObject, ReadsObject>& type);
-void bind_state_bytes(nb::class_<SnapshotObject, ReadsObject>& type);
-void bind_clock(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
-void bind_watch(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
-void bind_waits(nb::class_<BufferObject, ReadsObject>& type);
+void bind_changes(nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_state_bytes(nb::class_<SnapshotObject, StoreReaderObject>& type);
+void bind_clock(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_watch(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_waits(nb::class_<BufferObject, StoreReaderObject>& type);
 /// `adopt_classes`, and functions for Python modules.
 void bind_helpers(nb::module_& module);
 /// Functions for streams.
 void bind_sample_rows(nb::module_& module);
 void bind_policy(nb::module_& module);
 void bind_adaptive(nb::module_& module);
-void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
-void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
+void bind_wire(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_transaction(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
 
 /// None stands for the default.
 Policy policy_of(PyObject* object);

@@ -71,25 +71,25 @@ nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
 }
 
 nb::object frame_info(nb::handle self, nb::handle name) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const FrameInfo info =
-        pinned.ask_long([&](const Reads& reads) { return reads.frame_info(bytes); });
+        pinned.ask_long([&](const StoreReader& reads) { return reads.frame_info(bytes); });
     return frame_info_record(info);
 }
 
 nb::object parent_of(nb::handle self, nb::handle name, nb::handle when) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     return name_or_none(
-        pinned.ask([&](const Reads& reads) { return reads.parent_of(bytes, stamp); }));
+        pinned.ask([&](const StoreReader& reads) { return reads.parent_of(bytes, stamp); }));
 }
 
 /// None: the walks meet, or a frame is missing. Otherwise the edge (None: both end at roots), the
 /// stamp, the edge's data.
 nb::object reach(nb::handle self, nb::handle target, nb::handle source, nb::handle when) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
     std::optional<StampNs> stamp;
@@ -103,7 +103,7 @@ nb::object reach(nb::handle self, nb::handle target, nb::handle source, nb::hand
         }
     }
     const Reach found =
-        pinned.ask([&](const Reads& reads) { return reads.reach(to, from, stamp); });
+        pinned.ask([&](const StoreReader& reads) { return reads.reach(to, from, stamp); });
     switch (found.end) {
         case Reach::kMet:
         case Reach::kNowhere:
@@ -118,24 +118,24 @@ nb::object reach(nb::handle self, nb::handle target, nb::handle source, nb::hand
 }
 
 nb::list tree(nb::handle self, nb::handle when) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     return frame_info_records(
-        pinned.ask_long([&](const Reads& reads) { return reads.tree(stamp); }));
+        pinned.ask_long([&](const StoreReader& reads) { return reads.tree(stamp); }));
 }
 
 nb::object tree_columns(nb::handle self, nb::handle when) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     return tree_columns_record(
-        pinned.ask_long([&](const Reads& reads) { return reads.tree_columns(stamp); }));
+        pinned.ask_long([&](const StoreReader& reads) { return reads.tree_columns(stamp); }));
 }
 
 /// Without records: importing their types takes longer than answering a command.
 nb::object span(nb::handle self) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const TreeColumns all =
-        pinned.ask_long([](const Reads& reads) { return reads.tree_columns(std::nullopt); });
+        pinned.ask_long([](const StoreReader& reads) { return reads.tree_columns(std::nullopt); });
     StampNs first = clock::kMaxStamp;
     StampNs last = -1;
     for (const TreeColumns::Row& row : all.rows) {
@@ -147,22 +147,23 @@ nb::object span(nb::handle self) {
 }
 
 nb::tuple samples(nb::handle self, nb::handle name) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view bytes = name_of(name, "name");
     return samples_record(
-        pinned.ask_long([&](const Reads& reads) { return reads.samples(bytes); }));
+        pinned.ask_long([&](const StoreReader& reads) { return reads.samples(bytes); }));
 }
 
 nb::list frames(nb::handle self) {
-    return name_list(pin(self, object_of<ReadsObject>(self)).ask([](const Reads& reads) {
-        return reads.frames();
-    }));
+    return name_list(
+        pin(self, object_of<StoreReaderObject>(self)).ask([](const StoreReader& reads) {
+            return reads.frames();
+        }));
 }
 
 bool frame_exists(nb::handle self, nb::handle name) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const Pinned pinned = pin(self, object_of<StoreReaderObject>(self));
     const std::string_view bytes = name_of(name, "name");
-    return pinned.ask([&](const Reads& reads) {
+    return pinned.ask([&](const StoreReader& reads) {
         FrameHandle handle;
         return reads.find_frame(bytes, handle);
     });
@@ -259,7 +260,7 @@ nb::object counters_record(const Counters& counters) {
                                    counters.retries, counters.lock_waits);
 }
 
-void bind_records(nb::class_<ReadsObject>& type) {
+void bind_records(nb::class_<StoreReaderObject>& type) {
     type.def("frames", &frames, nb::sig("def frames(self) -> list[str]"),
              "Names of all frames, sorted.");
     type.def("frame_exists", &frame_exists, nb::arg("name").none(),

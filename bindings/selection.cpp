@@ -33,7 +33,7 @@ std::string bytes_of(nb::handle text, const char* role) {
     return std::string(name_of(text, role));
 }
 
-wire::Selection::Choose asking(nb::callable choose) {
+wire::Selection::Choose choice_by(nb::callable choose) {
     return [choose = std::move(choose)](std::uint32_t rule, std::string_view parent,
                                         std::string_view child) -> std::optional<wire::EdgeNames> {
         const nb::gil_scoped_acquire gil;
@@ -102,7 +102,7 @@ void bind_selection(nb::module_& module) {
         .def(
             "__init__",
             [](Selection* self, nb::callable choose, nb::handle first, nb::handle last) {
-                new (self) Selection(asking(std::move(choose)), range_of(first, last));
+                new (self) Selection(choice_by(std::move(choose)), range_of(first, last));
             },
             nb::arg("choose"), nb::arg("first").none() = nb::none(),
             nb::arg("last").none() = nb::none(),

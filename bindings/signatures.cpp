@@ -187,8 +187,9 @@ void add_signatures(nb::module_& module) {
     module.def("checked", &checked_function, nb::arg("function"),
                nb::sig("def checked(function: collections.abc.Callable[..., Any]) -> Any"),
                "The function, with our words for calls that do not fit its parameters.");
-    for (const nb::handle name : nb::make_tuple("Policy", "Reads", "NativeBuffer", "NativeSnapshot",
-                                                "NativeTransaction", "Watch", "Clock")) {
+    for (const nb::handle name :
+         nb::make_tuple("Policy", "StoreReader", "NativeBuffer", "NativeSnapshot",
+                        "NativeTransaction", "Watch", "Clock")) {
         const nb::object owner = module.attr(name);
         const nb::object names =
             nb::module_::import_("builtins").attr("list")(nb::object(owner.attr("__dict__")));

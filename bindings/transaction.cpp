@@ -526,12 +526,12 @@ void bind_frames(TransactionClass& type) {
              nb::sig("def _path_stamps(self, target: str, source: str, start: "
                      "tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> "
                      "numpy.typing.NDArray[numpy.int64]"),
-             "As of `Reads`.");
+             "As of `StoreReader`.");
     type.def("_lookup_edge", &lookup_edge, nb::arg("target").none(), nb::arg("source").none(),
              nb::arg("stamp").none(), nb::arg("policy").none(),
              nb::sig("def _lookup_edge(self, target: str, source: str, stamp: "
                      "tfdb.types.StampLike | None, policy: Policy | None) -> Transform"),
-             "As of `Reads`.");
+             "As of `StoreReader`.");
     bind_velocity(type, &lookup_velocity,
                   "Velocity of `source` as seen from `target`, as `Buffer.lookup_velocity`.");
     bind_lookup_edges(type, &lookup_edges,
@@ -632,7 +632,7 @@ void add_raw_transaction_writes(nb::handle type) {
     add_raw_method(type, g_set_transform);
 }
 
-void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
+void bind_transaction(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type) {
     auto transaction =
         native_class<TransactionClass>(module, "Transaction", nb::type_slots(g_slots));
     refuse_construction<TransactionObject>(

@@ -99,7 +99,7 @@ void Transforms::collecting(std::size_t index, Function&& function) {
     }
 }
 
-void Transforms::put_stand_ins() {
+void Transforms::put_placeholders() {
     const auto by_index = [](const Unreadable& a, const Unreadable& b) {
         return a.index < b.index;
     };
@@ -232,7 +232,7 @@ void Transforms::read_objects(nb::handle batch, bool is_static, bool collect) {
             at_index(i, [&] { read_object(item, is_static); });
         }
     }
-    put_stand_ins();
+    put_placeholders();
 }
 
 void Transforms::read_names(const nb::object& names, std::string_view TransformView::*field,
@@ -286,7 +286,7 @@ void Transforms::read_columns(nb::handle columns, bool is_static) {
         read_stamps(stamps);
     }
     read_poses(columns, views);
-    put_stand_ins();
+    put_placeholders();
 }
 
 std::optional<OneEdge> OneEdge::of(nb::handle batch) {

@@ -98,8 +98,8 @@ void await_ended_waits(nb::handle self, nb::handle timeout) {
     buffer.store.await_ended_waits(longest);
 }
 
-void set_told(nb::handle self, bool told) {
-    object_of<BufferObject>(self).told.store(told, std::memory_order_relaxed);
+void set_waits_begun(nb::handle self, bool begun) {
+    object_of<BufferObject>(self).waits_begun.store(begun, std::memory_order_relaxed);
 }
 
 CommitNumber check_wait(nb::handle self, unsigned how) {
@@ -131,7 +131,7 @@ void stop_waits(nb::handle self, bool stop) {
     buffer.store.stop_waits(stop);
 }
 
-using BufferClass = nb::class_<BufferObject, ReadsObject>;
+using BufferClass = nb::class_<BufferObject, StoreReaderObject>;
 
 /// Functions for waiting.py.
 void bind_begun_waits(BufferClass& type) {
@@ -157,7 +157,7 @@ void bind_begun_waits(BufferClass& type) {
              "The same for a commit with a greater number.");
     type.def("_cancel_wait", &cancel_wait, nb::arg("number"),
              nb::sig("def _cancel_wait(self, number: int) -> bool"),
-             "Whether the wait had not ended; it is told of no more.");
+             "Whether the wait had not ended; its end will not be reported.");
     type.def(
         "_ended_waits", &ended_waits, nb::arg("timeout").none(),
         nb::sig("def _ended_waits(self, timeout: float | None) -> dict[int, int]"),
@@ -165,8 +165,8 @@ void bind_begun_waits(BufferClass& type) {
     type.def("_await_ended_waits", &await_ended_waits, nb::arg("timeout").none(),
              nb::sig("def _await_ended_waits(self, timeout: float | None) -> None"),
              "The same, but `_ended_waits(0)`, of any thread, is to take them.");
-    type.def("_set_told", &set_told, nb::arg("told"),
-             nb::sig("def _set_told(self, told: bool) -> None"),
+    type.def("_set_waits_begun", &set_waits_begun, nb::arg("begun"),
+             nb::sig("def _set_waits_begun(self, begun: bool) -> None"),
              "Whether `waiting.write` is to make the writes of tfdb.tf2, for waits were begun.");
     type.def("_check_wait", &check_wait, nb::arg("how"),
              nb::sig("def _check_wait(self, how: int) -> int"),

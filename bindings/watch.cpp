@@ -228,7 +228,7 @@ removed meanwhile), Forked (in a child of the process that made the watch), Tran
 
 }  // namespace
 
-void bind_watch(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
+void bind_watch(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type) {
     type.def("watch", &watch, nb::arg("frames").none() = nb::tuple(),
              nb::arg("pairs").none() = nb::tuple(), nb::kw_only(), nb::arg("every") = false,
              nb::sig("def watch(self, frames: str | collections.abc.Iterable[str] = (), pairs: "

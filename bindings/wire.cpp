@@ -616,7 +616,7 @@ void bind_messages_of_recordings(nb::module_& module) {
 
 }  // namespace
 
-void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
+void bind_wire(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type) {
     type.def("ingest", &ingest, nb::arg("data").none(), nb::kw_only(),
              nb::arg("encoding").none() = "cdr", nb::arg("static") = false,
              nb::arg("authority").none() = "", nb::arg("change_kind") = false,

@@ -117,7 +117,7 @@ private:
     void read_message(PyObject* item, nb::object child);
     template <class Function>
     void collecting(std::size_t index, Function&& function);
-    void put_stand_ins();
+    void put_placeholders();
     [[noreturn]] void throw_refused(const Error& error) const;
 
     std::vector<nb::object> kept_;

@@ -47,7 +47,7 @@ def stamps_in(count: int, seed: int, *, is_sorted: bool) -> np.ndarray:
 
 
 def one_by_one(
-    reads: tfdb._core.Reads, target: str, source: str, stamps: object, policy: object
+    reads: tfdb._core.StoreReader, target: str, source: str, stamps: object, policy: object
 ) -> object:
     return np.array([reads.lookup_transform(target, source, int(t), policy).pose for t in stamps])
 
@@ -163,7 +163,7 @@ def test_names_mean_the_frames_of_the_state_that_is_read(count: int) -> None:
     buffer = tfdb.Buffer()
     cup = (0.0, 0.0, 0.6, 0.8)
 
-    def rows(reads: tfdb._core.Reads) -> Any:
+    def rows(reads: tfdb._core.StoreReader) -> Any:
         found = reads.lookup_transforms("map", "cup", np.full(count, 5))
         same_poses(found, one_by_one(reads, "map", "cup", [5] * count, None))
         return found[:, :3].tolist()

@@ -29,7 +29,7 @@ def yaw(degrees: float) -> tuple[float, float, float, float]:
 
 
 def single(
-    reads: tfdb._core.Reads, target: str, source: str, stamp: int, policy: tfdb.types.Policy
+    reads: tfdb._core.StoreReader, target: str, source: str, stamp: int, policy: tfdb.types.Policy
 ) -> tfdb.Transform | None:
     can = reads.can_transform(target, source, stamp, policy)
     try:
@@ -55,7 +55,7 @@ def same_bits(found: npt.ArrayLike, expected: npt.ArrayLike) -> None:
 
 
 def ask_rows(
-    reads: tfdb._core.Reads | tfdb.Transaction,
+    reads: tfdb._core.StoreReader | tfdb.Transaction,
     path: tuple[str, str],
     stamps: list[int],
     policy: tfdb.types.Policy,
@@ -79,7 +79,7 @@ def ask_rows(
 
 
 def ask_points(
-    reads: tfdb._core.Reads,
+    reads: tfdb._core.StoreReader,
     path: tuple[str, str],
     stamps: list[int],
     policy: tfdb.types.Policy,
@@ -178,7 +178,7 @@ for pair in (("map", "c"), ("d", "c"), ("c", "a")):
     assert said[0] == said[1] == said[2]
 
 
-def refuses_the_sum(reads: tfdb._core.Reads | tfdb.Transaction) -> None:
+def refuses_the_sum(reads: tfdb._core.StoreReader | tfdb.Transaction) -> None:
     assert not reads.can_transform("map", "b", 10)
     assert reads.can_transform("map", "a", 10)
     with pytest.raises(tfdb.errors.InvalidTransform, match=r"T\['map'<-'b'\]") as caught:

@@ -107,7 +107,7 @@ def test_frames_that_nothing_joins_are_nan_like_any_other_gap(buffer: tfdb.Buffe
     buffer.set_transform("moon", "rock", START, (1, 2, 3), (0, 0, 0, 1))
     points, stamps = np.ones((2, 3)), [START + 7, START + 8]
 
-    def check(reads: tfdb._core.Reads | tfdb.Transaction) -> None:
+    def check(reads: tfdb._core.StoreReader | tfdb.Transaction) -> None:
         rows = reads.lookup_transforms("moon", "hand", stamps, missing="nan")
         assert np.isnan(rows).all()
         with pytest.raises(tfdb.Disconnected) as caught:

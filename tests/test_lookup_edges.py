@@ -48,7 +48,7 @@ def forest(concurrency: Any = "snapshot") -> tfdb.Buffer:
 
 
 def single(
-    reads: tfdb._core.Reads | tfdb.Transaction, frame: str, stamp: int | None, policy: Any
+    reads: tfdb._core.StoreReader | tfdb.Transaction, frame: str, stamp: int | None, policy: Any
 ) -> list[float]:
     try:
         parent = reads.parent_of(frame, stamp)
@@ -59,7 +59,7 @@ def single(
         return [np.nan] * 7
 
 
-def all_reads(buffer: tfdb.Buffer) -> Iterator[tfdb._core.Reads | tfdb.Transaction]:
+def all_reads(buffer: tfdb.Buffer) -> Iterator[tfdb._core.StoreReader | tfdb.Transaction]:
     yield buffer
     with buffer.snapshot() as snapshot:
         yield snapshot
@@ -214,7 +214,7 @@ def test_the_first_frame_without_an_edge_is_named() -> None:
         check_errors(reads)
 
 
-def check_errors(reads: tfdb._core.Reads | tfdb.Transaction) -> None:
+def check_errors(reads: tfdb._core.StoreReader | tfdb.Transaction) -> None:
     with pytest.raises(tfdb.UnknownFrame, match="frame 'frame_0' does not exist") as unknown:
         reads.lookup_edges(["frame0", "frame_0", "map"], 333, missing="raise")
     assert (unknown.value.index, unknown.value.frame) == (1, "frame_0")

@@ -113,7 +113,7 @@ def stub_methods(name: str) -> dict[str, ast.FunctionDef | ast.AsyncFunctionDef]
 
 
 NATIVE = ["NativeBuffer", "NativeSnapshot", "NativeTransaction"]
-OFFERED = ["Policy", "Reads", "Transform", *NATIVE]
+OFFERED = ["Policy", "StoreReader", "Transform", *NATIVE]
 CALLS = {"CoreCalls": tfdb.tf2.BufferCore, "BufferCalls": tfdb.tf2.Buffer}
 
 
@@ -174,7 +174,7 @@ def test_no_private_module_in_errors_and_pickles() -> None:
     for call in (
         lambda: buf.remove_frames(wrong),
         lambda: tfdb.Buffer.snapshot(wrong),
-        lambda: tfdb._core.Reads.frames(wrong),
+        lambda: tfdb._core.StoreReader.frames(wrong),
         lambda: tfdb.Buffer.__new__(tfdb.Buffer).frames(),
         tfdb.Snapshot,
     ):

@@ -30,7 +30,7 @@ def said(question: Callable[[], object]) -> tuple[object, ...]:
         return type(error), str(error), vars(error)
 
 
-def everything(reads: tfdb._core.Reads) -> list[tuple[object, ...]]:
+def everything(reads: tfdb._core.StoreReader) -> list[tuple[object, ...]]:
     """The answer to every question about every pair of frames, errors included."""
     names = reads.frames()
     answers: list[tuple[object, ...]] = [(name, repr(reads.samples(name))) for name in names]

@@ -24,7 +24,7 @@ class Hollow(tfdb.Buffer):
 
 def hollows() -> list[Any]:
     """Make one object of each class without its __init__."""
-    classes = [Hollow, tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb._core.Reads]
+    classes = [Hollow, tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb._core.StoreReader]
     return [cls.__new__(cls) for cls in classes]
 
 
@@ -131,7 +131,9 @@ def test_policies_without_init_raise(cls: type) -> None:
             refused()
 
 
-@pytest.mark.parametrize("cls", [tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb._core.Reads])
+@pytest.mark.parametrize(
+    "cls", [tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb._core.StoreReader]
+)
 def test_methods_on_objects_of_another_class(cls: type) -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
@@ -144,7 +146,7 @@ def test_methods_on_objects_of_another_class(cls: type) -> None:
         for other in others:
             if isinstance(other, owner):
                 continue
-            if name in shared and isinstance(other, tfdb._core.Reads | tfdb.Transaction):
+            if name in shared and isinstance(other, tfdb._core.StoreReader | tfdb.Transaction):
                 continue
             with pytest.raises(TypeError):
                 call(method, name, other)

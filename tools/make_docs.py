@@ -35,7 +35,7 @@ ROOMS = ["comparing", "errors", "judging", "plot", "recordings", "robots", "rule
 ROOMS += ["net", "recorder", "streams", "trajectories"]
 MODULES = ("tfdb", "tfdb.types", *(f"tfdb.{room}" for room in ROOMS))
 # Base classes, which `tfdb` does not export.
-UNLISTED = ("Cursor", "Freezable", "Policy", "Reads", "SharedReads")
+UNLISTED = ("Cursor", "Freezable", "Policy", "StoreReader", "SharedReads")
 UNLISTED_LINK = re.compile(rf'<a href="#(?:{"|".join(UNLISTED)})(?:\.\w+)?">(.*?)</a>')
 # Unions that would take half a page where a name says it.
 ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|(?:Pose)?Topics|Progress)\b")

@@ -43,8 +43,8 @@ class Selected(TypedDict, total=False):
 PROGRAM = """
 from nanobind import stubgen
 import tfdb._core
-NATIVE = ("Policy", "Reads", "NativeBuffer", "NativeSnapshot", "NativeTransaction", "Transform",
-          "Watch", "Clock")
+NATIVE = ("Policy", "StoreReader", "NativeBuffer", "NativeSnapshot", "NativeTransaction",
+          "Transform", "Watch", "Clock")
 # Types of C cannot say that they are of another module.
 bases = ()
 for name in ("CoreCalls", "BufferCalls"):

@@ -253,7 +253,7 @@ std::string_view frame_of(const nb::object& name) {
 
 PyObject* store_message(const Using& plain, PyObject* message, PyObject* authority) {
     BufferObject& buffer = *nb::inst_ptr<BufferObject>(plain->buffer);
-    if (!PyUnicode_CheckExact(authority) || buffer.told.load(std::memory_order_relaxed)) {
+    if (!PyUnicode_CheckExact(authority) || buffer.waits_begun.load(std::memory_order_relaxed)) {
         return nullptr;
     }
     const nb::object header = get(message, g_fields.header);

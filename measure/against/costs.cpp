@@ -190,7 +190,7 @@ void write_rows(const Costs& costs) {
 // -- what held snapshots cost ------------------------------------------------------------------
 
 /// At stamps first + 1, first + 1 + step, ... of which there are `count`.
-double lookup_ns(const tfdb::Reads& reads, StampNs first, StampNs step, int count) {
+double lookup_ns(const tfdb::StoreReader& reads, StampNs first, StampNs step, int count) {
     const double took = nanos_of([&] {
         for (int i = 0; i < count; ++i) {
             keep(reads.lookup_transform("map", "base", first + 1 + step * i));

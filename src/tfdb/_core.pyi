@@ -179,7 +179,7 @@ def _restore_transform(*state: object) -> Transform: ...
 
 def _enough_rows(stamps: numpy.typing.NDArray[numpy.int64], poses: numpy.typing.NDArray[numpy.float64], metres: float, radians: float) -> numpy.typing.NDArray[numpy.int64]: ...
 
-class Reads:
+class StoreReader:
     """
     What Buffer and Snapshot can be asked.
 
@@ -604,7 +604,7 @@ class Reads:
         Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.
         """
 
-class NativeSnapshot(Reads):
+class NativeSnapshot(StoreReader):
     """The native part of `Snapshot`."""
 
     def __init__(self) -> None: ...
@@ -664,7 +664,7 @@ class NativeSnapshot(Reads):
 
     def __repr__(self) -> str: ...
 
-class NativeBuffer(Reads):
+class NativeBuffer(StoreReader):
     """The native part of `Buffer`."""
 
     def __init__(self, history: float | None = 10.0, *, max_frames: int = 1048575, memory_limit: int | None = None, snapshot_memory: int = 1073741824, clock: Callable[[], int] | None = None, concurrency: tfdb.types.Concurrency = 'snapshot') -> None: ...
@@ -1113,7 +1113,7 @@ class NativeBuffer(Reads):
         """The same for a commit with a greater number."""
 
     def _cancel_wait(self, number: int) -> bool:
-        """Whether the wait had not ended; it is told of no more."""
+        """Whether the wait had not ended; its end will not be reported."""
 
     def _ended_waits(self, timeout: float | None) -> dict[int, int]:
         """
@@ -1123,7 +1123,7 @@ class NativeBuffer(Reads):
     def _await_ended_waits(self, timeout: float | None) -> None:
         """The same, but `_ended_waits(0)`, of any thread, is to take them."""
 
-    def _set_told(self, told: bool) -> None:
+    def _set_waits_begun(self, begun: bool) -> None:
         """
         Whether `waiting.write` is to make the writes of tfdb.tf2, for waits were begun.
         """
@@ -1636,12 +1636,12 @@ class NativeTransaction:
         """All samples of a frame's edge, as `Buffer.samples`."""
 
     def _path_stamps(self, target: str, source: str, start: tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> numpy.typing.NDArray[numpy.int64]:
-        """As of `Reads`."""
+        """As of `StoreReader`."""
 
     def _lookup_edge(
         self, target: str, source: str, stamp: tfdb.types.StampLike | None, policy: Policy | None
     ) -> Transform:
-        """As of `Reads`."""
+        """As of `StoreReader`."""
 
     def lookup_velocity(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
         """
@@ -2105,8 +2105,8 @@ def open(
     ReadOnly, CapacityExceeded
     """
 
-def freeze_store(reads: Reads, path: os.PathLike[str], origin: str) -> None:
-    """Write a state into that file. Raises as `Reads.freeze`."""
+def freeze_store(reads: StoreReader, path: os.PathLike[str], origin: str) -> None:
+    """Write a state into that file. Raises as `StoreReader.freeze`."""
 
 class MessageMaker:
     """

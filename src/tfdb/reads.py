@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import os
     from typing import Literal
 
-    from tfdb._core import Policy, Reads
+    from tfdb._core import Policy, StoreReader
     from tfdb.data.stamps import StampLike
     from tfdb.store.explain import Explanation
     from tfdb.trajectories.trajectory import Trajectory
@@ -257,8 +257,8 @@ class Transaction(SharedReads, _core.NativeTransaction):
     __slots__ = ()
 
 
-def _reads(self: object) -> Reads:
+def _reads(self: object) -> StoreReader:
     """Refuse what has no reads. Those of a Transaction have the same names."""
-    if not isinstance(self, _core.Reads | _core.NativeTransaction):
-        raise TypeError(f"a method of Reads was called on a {type(self).__name__}")
-    return cast("Reads", self)
+    if not isinstance(self, _core.StoreReader | _core.NativeTransaction):
+        raise TypeError(f"a method of StoreReader was called on a {type(self).__name__}")
+    return cast("StoreReader", self)

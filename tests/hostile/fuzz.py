@@ -50,7 +50,7 @@ class Hollow(tfdb.Buffer):
 
 HOLLOW: dict[str, type] = {
     "Buffer": Hollow,
-    "Reads": tfdb.Buffer,
+    "StoreReader": tfdb.Buffer,
     "Snapshot": tfdb.Snapshot,
     "Transaction": tfdb.Transaction,
 }
@@ -130,7 +130,7 @@ class World:
                     self.stores
                 ).snapshot()
             return rng.choice(self.snapshots)
-        if name in ("Buffer", "Reads"):
+        if name in ("Buffer", "StoreReader"):
             return rng.choice(self.stores)
         if name == "Transform":
             return next(thing for thing in self.made if isinstance(thing, tfdb.Transform))

@@ -30,7 +30,7 @@ CREATING = {"__init__", "__new__", "__init_subclass__"}
 OFFERED = {
     name: getattr(module, name)
     for module, names in (
-        (tfdb._core, ("Policy", "Reads")),
+        (tfdb._core, ("Policy", "StoreReader")),
         (tfdb.types, tfdb.types.__all__),
         (tfdb, tfdb.__all__),
     )
@@ -64,7 +64,7 @@ class Call:
     is_property: bool = False
 
 
-NATIVE = {tfdb._core.Policy, tfdb._core.Reads, tfdb.Transform}
+NATIVE = {tfdb._core.Policy, tfdb._core.StoreReader, tfdb.Transform}
 NATIVE |= {tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction}
 
 

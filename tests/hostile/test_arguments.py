@@ -32,7 +32,14 @@ PACKAGES = (
 )
 NEEDS_ROS = {"RospyNode", "RclpyNode"}
 FOREIGN_WORDS = (
-    *("incompatible function arguments", "Invoked with", "nanobind", "Reads", "._core", "_Span"),
+    *(
+        "incompatible function arguments",
+        "Invoked with",
+        "nanobind",
+        "StoreReader",
+        "._core",
+        "_Span",
+    ),
     *("__init__", "required positional", "positional arguments but", "object has no attribute"),
 )
 BY_PLACE = (P.POSITIONAL_ONLY, P.POSITIONAL_OR_KEYWORD)
@@ -89,7 +96,7 @@ def public() -> Iterator[tuple[str, Callable[..., Any]]]:
 
 
 ALL = dict(public())
-EMPTY = {"tfdb._core.Reads", "tfdb.Clock", "tfdb.Snapshot", "tfdb.Transaction", "tfdb.Watch"}
+EMPTY = {"tfdb._core.StoreReader", "tfdb.Clock", "tfdb.Snapshot", "tfdb.Transaction", "tfdb.Watch"}
 """What is not called: a method of a Buffer makes it."""
 AMID = {"tfdb.Buffer.close", "tfdb.Snapshot.close", "tfdb.plot.show", "tfdb.tf2.Buffer.close"}
 

@@ -108,18 +108,18 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
         ("Buffer.ingest_many", "encoding"): lambda **more: buf.ingest_many([b""], **more),
         ("Buffer.lookup_transforms", "layout"): many,
         ("Buffer.lookup_transforms", "missing"): many,
-        ("Reads.lookup_transforms", "layout"): many,
-        ("Reads.lookup_transforms", "missing"): many,
+        ("StoreReader.lookup_transforms", "layout"): many,
+        ("StoreReader.lookup_transforms", "missing"): many,
         ("Transaction.lookup_transforms", "layout"): in_transaction("lookup_transforms", stamps),
         ("Transaction.lookup_transforms", "missing"): in_transaction("lookup_transforms", stamps),
         ("Transaction.transform_points", "missing"): in_transaction(
             "transform_points", points, stamps
         ),
         ("Transaction.trajectory", "missing"): in_transaction("trajectory"),
-        ("Reads.transform_points", "missing"): lambda **more: buf.transform_points(
+        ("StoreReader.transform_points", "missing"): lambda **more: buf.transform_points(
             "map", "base", points, stamps, **more
         ),
-        ("Reads.trajectory", "missing"): lambda **more: buf.trajectory("map", "base", **more),
+        ("StoreReader.trajectory", "missing"): lambda **more: buf.trajectory("map", "base", **more),
         ("Expectations", "clock"): tfdb.Expectations,
         ("decode_tf_message", "encoding"): lambda **more: tfdb.decode_tf_message(b"", **more),
         ("encode_tf_message", "encoding"): lambda **more: tfdb.encode_tf_message([sample], **more),

@@ -85,7 +85,7 @@ def answers(buffer: tfdb.Buffer) -> dict[str, str]:
     return told
 
 
-def _lookups(reads: tfdb._core.Reads | tfdb.Transaction) -> dict[str, str]:
+def _lookups(reads: tfdb._core.StoreReader | tfdb.Transaction) -> dict[str, str]:
     told = {}
     for target, source in (("map", "hand"), ("camera", "hand"), ("seen", "cart"), ("map", "x")):
         for policy in POLICIES:
@@ -103,7 +103,7 @@ def _lookups(reads: tfdb._core.Reads | tfdb.Transaction) -> dict[str, str]:
     return told
 
 
-def _reads(reads: tfdb._core.Reads) -> dict[str, str]:
+def _reads(reads: tfdb._core.StoreReader) -> dict[str, str]:
     told = _lookups(reads)
     points = np.linspace(-3.0, 4.0, 9).reshape(3, 3)
     asked = {

@@ -88,7 +88,7 @@ def move_arm(buffer: tfdb.Buffer, number: int) -> None:
     )
 
 
-def arm_in(reads: tfdb._core.Reads) -> int:
+def arm_in(reads: tfdb._core.StoreReader) -> int:
     """What both joints say, in one state."""
     if isinstance(reads, tfdb.Buffer):
         with reads.snapshot() as snapshot:

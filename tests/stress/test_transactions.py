@@ -23,7 +23,7 @@ def account(number: int) -> str:
     return f"account_{number}"
 
 
-def balance(reads: tfdb.Transaction | tfdb._core.Reads, number: int) -> float:
+def balance(reads: tfdb.Transaction | tfdb._core.StoreReader, number: int) -> float:
     """Alternately in both directions: T[bank<-account] is tilted, and its x is the money."""
     if number % 2:
         back = reads.lookup_transform(account(number), "bank").inverse()
@@ -31,7 +31,7 @@ def balance(reads: tfdb.Transaction | tfdb._core.Reads, number: int) -> float:
     return float(reads.lookup_transform("bank", account(number)).translation[0])
 
 
-def total(reads: tfdb.Transaction | tfdb._core.Reads) -> float:
+def total(reads: tfdb.Transaction | tfdb._core.StoreReader) -> float:
     return sum(balance(reads, number) for number in range(ACCOUNTS))
 
 

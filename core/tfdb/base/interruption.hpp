@@ -25,7 +25,7 @@ protected:
 };
 
 /// A cancellation point of long work.
-inline void may_end() {
+inline void interruption_point() {
     if (Interruption* const interruption = Interruption::current(); interruption != nullptr)
         interruption->ask();
 }

@@ -95,8 +95,8 @@ private:
             const std::uint64_t author = store_.authorities.id(batch.authority());
             return txn::write_beside(session, plain, store_, number, [&](const Item& item) {
                 store_.set_author(item.child, author);
-                if (item.mended != 0)
-                    store_.word(graph::kNormalised).fetch_add(item.mended);
+                if (item.normalised != 0)
+                    store_.word(graph::kNormalised).fetch_add(item.normalised);
             });
         }
     }
@@ -129,9 +129,9 @@ private:
                 (!batch.is_static() && plain.items.back().sample.stamp != batch[at.index].stamp);
             Item& item = is_new ? plain.items.emplace_back() : plain.items.back();
             item.child = at.child;
-            const bool mended =
+            const bool normalised =
                 fill_from(batch[at.index], at.parent, batch.is_static(), item.sample);
-            item.mended += mended ? 1U : 0U;
+            item.normalised += normalised ? 1U : 0U;
             if (plain.frames.empty() || plain.frames.back() != at.child)
                 plain.frames.push_back(at.child);
         }

@@ -16,19 +16,19 @@ template <class Session>
 class FineEdge : public history::EdgeView<typename Session::Memory> {
 public:
     FineEdge() = default;
-    ~FineEdge() { let_go(); }
+    ~FineEdge() { release_locks(); }
     FineEdge(const FineEdge&) = delete;
     FineEdge& operator=(const FineEdge&) = delete;
 
     void take(Session& session, FrameId id) {
-        let_go();
+        release_locks();
         (void)session.enter(id);
         session_ = &session;
         id_ = id;
     }
 
 private:
-    void let_go() {
+    void release_locks() {
         if (session_ != nullptr)
             session_->leave(id_);
         session_ = nullptr;
@@ -93,7 +93,7 @@ public:
         return true;
     }
     /// Releases its locks and stays in the slot.
-    void let_go() {
+    void release_locks() {
         if (stays_ > 0)
             release(read_);
         start();

@@ -8,9 +8,9 @@
 namespace tfdb::txn {
 
 /// Occupies a slot of the gate, or holds the closed gate and the commit lock. `Engine` is the
-/// derived session: its `let_go` releases its locks on frames, and its destructor ends an open
-/// session.
-/// Threads: one. Guarantee: a thread in a slot never waits for the gate or the commit lock.
+/// derived session: its `release_locks` releases its locks on frames, and its destructor ends an
+/// open session. Threads: one. Guarantee: a thread in a slot never waits for the gate or the commit
+/// lock.
 template <class M, class Engine>
 class GateSession {
 public:
@@ -70,7 +70,7 @@ private:
     void leave_slot() {
         if (where_ != Where::kInSlot)
             return;
-        engine().let_go();
+        engine().release_locks();
         shared_.gate.leave(slot_);
         where_ = Where::kOutside;
     }

@@ -44,8 +44,8 @@ struct PlainBatch {
     struct Item {
         FrameId child = kNoFrame;
         history::NewSample<Memory> sample;
-        std::uint64_t author = 0;  // for `store`
-        std::uint32_t mended = 0;  // number of normalised quaternions
+        std::uint64_t author = 0;      // for `store`
+        std::uint32_t normalised = 0;  // number of normalised quaternions
     };
     std::vector<Place> order;  // scratch for filling the batch
     std::vector<Item> items;

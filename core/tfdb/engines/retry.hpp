@@ -87,7 +87,7 @@ template <Session S, class Stored>
         for_each_edge<typename S::Memory>(shared.frames, batch.items, [&](auto, const auto& items) {
             (void)session.lock({&items.front().child, 1});
             fits = fits && reserve(items);
-            session.let_go();
+            session.release_locks();
         });
         if (!fits)
             return Written::kNotPlain;
@@ -95,7 +95,7 @@ template <Session S, class Stored>
             (void)session.lock({&item.child, 1});
             (void)reserve({&item, 1});
             store({&item, 1});
-            session.let_go();
+            session.release_locks();
         }
     }
     return Written::kDone;

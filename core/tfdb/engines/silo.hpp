@@ -85,7 +85,7 @@ private:
         given_up_ = false;
         wrote_ = false;
     }
-    void let_go() {
+    void release_locks() {
         bool tell = false;
         auto& held = this->scratch().held;
         for (; !held.empty(); held.pop_back()) {

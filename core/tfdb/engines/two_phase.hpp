@@ -65,7 +65,7 @@ public:
         if (rule() == LockRule::kWoundWait)
             unwound();
     }
-    void let_go() {
+    void release_locks() {
         bool tell = false;
         auto& held = this->scratch().held;
         for (; !held.empty(); held.pop_back()) {

@@ -105,7 +105,7 @@ private:
                 return false;
             }
         }
-        may_end();
+        interruption_point();
         const double speed = limit_ == kAny ? 0.0 : angle(from, to) / nanoseconds(start, end);
         double before = 0.0;
         std::size_t first = 0;  // of the stretch beyond the tolerance

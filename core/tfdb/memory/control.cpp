@@ -168,7 +168,7 @@ bool Control::is_of(const Mapping& mapping, std::uint64_t id) noexcept {
            word_of(mapping, kOwnIdWord).load_relaxed() == id;
 }
 
-void Control::tell_removal(const Mapping& mapping) noexcept {
+void Control::notify_removal(const Mapping& mapping) noexcept {
     word_of(mapping, kRemovalsWord).fetch_add(1);
     sync::EventCount(word_of(mapping, kCommitEventWord)).notify();
     sync::EventCount(word_of(mapping, kClockEventWord)).notify();

@@ -86,7 +86,7 @@ public:
     /// Whether a mapped file is the control file of that store.
     [[nodiscard]] static bool is_of(const Mapping& mapping, std::uint64_t id) noexcept;
     /// Wakes the waits and sleeps on this file after its store was removed.
-    static void tell_removal(const Mapping& mapping) noexcept;
+    static void notify_removal(const Mapping& mapping) noexcept;
 
 private:
     static constexpr unsigned kCommitEventWord = 6;

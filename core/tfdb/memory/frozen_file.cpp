@@ -58,7 +58,7 @@ bool sum_of_data(int file, std::size_t bytes, std::uint64_t& sum) {
     sum = kSeed;
     std::vector<std::uint64_t> part(kWordsAtOnce);
     for (std::size_t at = kFrozenHeaderBytes; at < bytes; at += part.size() * 8) {
-        may_end();
+        interruption_point();
         part.resize(std::min(kWordsAtOnce, (bytes - at) / 8));
         if (!read_whole(file, part, at))
             return false;

@@ -304,16 +304,16 @@ void unlink_shared(const std::string& path) {
         id = id_of(found.get());
     const std::string control = control_name(path, id);
     // Without write permission the store is still removed, but waits are not woken.
-    std::optional<Mapping> told;
+    std::optional<Mapping> control_mapping;
     struct stat status {};
     File opened(::open(control.c_str(), O_RDWR | kOpened));
     if (opened.get() >= 0 && ::fstat(opened.get(), &status) == 0 &&
         static_cast<std::size_t>(status.st_size) >= Control::kBytes)
-        told.emplace(Mapping::of_file(opened.release(), Control::kBytes, true, control));
+        control_mapping.emplace(Mapping::of_file(opened.release(), Control::kBytes, true, control));
     ::unlink(taken.c_str());
     ::unlink(control.c_str());
-    if (told && Control::is_of(*told, id))
-        Control::tell_removal(*told);
+    if (control_mapping && Control::is_of(*control_mapping, id))
+        Control::notify_removal(*control_mapping);
 }
 
 }  // namespace tfdb::memory

@@ -218,7 +218,7 @@ private:
         if (!in_order)
             put_in_order(stamps, begin, space_);
         for (std::size_t at = 0; at < all; at += kBlock) {
-            may_end();
+            interruption_point();
             const std::size_t count = std::min(kBlock, all - at);
             const Row* const rows = in_order ? nullptr : &space_.rows[at];
             for (std::size_t i = 0; i < count; ++i)
@@ -400,8 +400,8 @@ struct Points {
 /// Runs a batch on this reader's state, and throws the error of the first refused stamp.
 /// `emit(space, begin, rows, count)`: see BatchRun.
 template <class Emit>
-void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
-                      Policy policy, bool stop, Emit emit) const {
+void StoreReader::run_batch(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
+                            Policy policy, bool stop, Emit emit) const {
     const Lease lease;
     Workspace& space = *lease;
     Request request{kNoFrame, kNoFrame, stamps, policy, stop};
@@ -433,9 +433,9 @@ void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampN
     }
 }
 
-void Reads::lookup_many(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
-                        Policy policy, Layout layout, Missing missing,
-                        std::span<double> out) const {
+void StoreReader::lookup_many(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
+                              Policy policy, Layout layout, Missing missing,
+                              std::span<double> out) const {
     store::check_room(stamps, layout, out);
     const geometry::Kernels& kernels = geometry::chosen_kernels();
     const auto write = [&](auto width, auto store_rows) {
@@ -461,10 +461,10 @@ void Reads::lookup_many(FrameRef& target, FrameRef& source, std::span<const Stam
 }
 
 template <class Real>
-void Reads::transform_points(std::string_view target, std::string_view source, const Real* points,
-                             std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                             Policy policy, Missing missing, Real* out,
-                             std::size_t out_stride) const {
+void StoreReader::transform_points(std::string_view target, std::string_view source,
+                                   const Real* points, std::size_t stride, std::size_t count,
+                                   std::span<const StampNs> stamps, Policy policy, Missing missing,
+                                   Real* out, std::size_t out_stride) const {
     const bool one = stamps.size() == 1;
     store::check_points(points, stride, count, stamps, out, out_stride);
     const bool in_place = points == out && stride == out_stride;
@@ -495,16 +495,16 @@ void Reads::transform_points(std::string_view target, std::string_view source, c
         std::copy_n(moved.data() + 3 * i, 3, rows.from(i).data);
 }
 
-template void Reads::transform_points(std::string_view, std::string_view, const float*, std::size_t,
-                                      std::size_t, std::span<const StampNs>, Policy, Missing,
-                                      float*, std::size_t) const;
-template void Reads::transform_points(std::string_view, std::string_view, const double*,
-                                      std::size_t, std::size_t, std::span<const StampNs>, Policy,
-                                      Missing, double*, std::size_t) const;
+template void StoreReader::transform_points(std::string_view, std::string_view, const float*,
+                                            std::size_t, std::size_t, std::span<const StampNs>,
+                                            Policy, Missing, float*, std::size_t) const;
+template void StoreReader::transform_points(std::string_view, std::string_view, const double*,
+                                            std::size_t, std::size_t, std::span<const StampNs>,
+                                            Policy, Missing, double*, std::size_t) const;
 
-std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,
-                                        std::optional<StampNs> start,
-                                        std::optional<StampNs> end) const {
+std::vector<StampNs> StoreReader::path_stamps(std::string_view target, std::string_view source,
+                                              std::optional<StampNs> start,
+                                              std::optional<StampNs> end) const {
     std::vector<StampNs> stamps;
     Failure failure;
     const bool found = store::read(*store_, held_, [&](const StoreView& view) {

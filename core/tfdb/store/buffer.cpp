@@ -49,9 +49,10 @@ Concurrency concurrency_of(std::string_view name) {
 }
 
 Buffer::Buffer(const BufferOptions& options)
-    : Reads(std::make_shared<store::Store>(checked(options)), store::kNewest) {}
+    : StoreReader(std::make_shared<store::Store>(checked(options)), store::kNewest) {}
 
-Buffer::Buffer(std::shared_ptr<store::Store> store) : Reads(std::move(store), store::kNewest) {}
+Buffer::Buffer(std::shared_ptr<store::Store> store)
+    : StoreReader(std::move(store), store::kNewest) {}
 
 void Buffer::create(const std::string& path, const ShareOptions& share,
                     const BufferOptions& options) {
@@ -190,10 +191,10 @@ MemoryUse Buffer::memory() const {
 
 Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin,
                    std::uint64_t forks)
-    : Reads(std::move(store), held), pin_(pin), forks_(forks) {}
+    : StoreReader(std::move(store), held), pin_(pin), forks_(forks) {}
 
 Snapshot::Snapshot(Snapshot&& other) noexcept
-    : Reads(std::move(other.store_), other.held_), pin_(other.pin_), forks_(other.forks_) {}
+    : StoreReader(std::move(other.store_), other.held_), pin_(other.pin_), forks_(other.forks_) {}
 
 /// False for the copy of a shared store's snapshot in a forked child, which uses another slot.
 bool Snapshot::is_counted() const {

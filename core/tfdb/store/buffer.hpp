@@ -312,7 +312,7 @@ struct Watched;
 /// The common reads of a Buffer (each from a fresh snapshot) and a Snapshot (from its own).
 /// Threads: any number may call concurrently. Guarantee: in the default engine no read takes the
 /// commit lock; `frame_info` and `tree` share a lock with writers that add an authority.
-class Reads : public store::LookupsByName<Reads> {
+class StoreReader : public store::LookupsByName<StoreReader> {
 public:
     /// Finds a frame by name. False if the snapshot lacks it. Throws SnapshotTooOld.
     [[nodiscard]] bool find_frame(std::string_view name, FrameHandle& out) const;
@@ -391,7 +391,7 @@ public:
     [[nodiscard]] CommitNumber commit() const;  // of the state that is read
 
 protected:
-    Reads(std::shared_ptr<store::Store> store, CommitNumber held)
+    StoreReader(std::shared_ptr<store::Store> store, CommitNumber held)
         : store_(std::move(store)), held_(held) {}
 
     std::shared_ptr<store::Store> store_;
@@ -406,7 +406,7 @@ private:
 /// One committed state, kept readable. Threads: any. Guarantee: every read through it sees exactly
 /// that commit. A read throws SnapshotTooOld once writers had to overwrite the state
 /// (snapshot_memory was too small).
-class Snapshot : public Reads {
+class Snapshot : public StoreReader {
 public:
     ~Snapshot();
     Snapshot(Snapshot&&) noexcept;
@@ -448,7 +448,7 @@ private:
 
 /// The store. Threads: any number may read and write concurrently; writers are serialised.
 /// Guarantee: a commit is all or nothing, even if it throws.
-class Buffer : public Reads {
+class Buffer : public StoreReader {
 public:
     /// Throws InvalidArgument (history <= 0, max_frames 0 or > kMaxFrames), CapacityExceeded.
     explicit Buffer(const BufferOptions& options = {});

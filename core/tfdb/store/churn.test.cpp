@@ -70,7 +70,7 @@ struct Crowd {
     }
 
     /// Looks one of them up: it is there with its pose, or not there.
-    void look(const Reads& reads, std::mt19937& random) const {
+    void look(const StoreReader& reads, std::mt19937& random) const {
         const std::size_t i = random() % names.size();
         try {
             const Answer there = reads.lookup_transform("hall", names[i], kSecond);

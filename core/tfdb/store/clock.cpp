@@ -111,7 +111,7 @@ bool Clock::sleep_until(StampNs stamp, std::optional<std::int64_t> timeout_ns,
         if (longest <= 0)
             return false;
         (void)event.sleep(armed, std::min(left, longest));
-        may_end();
+        interruption_point();
     }
 }
 

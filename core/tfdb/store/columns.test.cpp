@@ -161,7 +161,7 @@ TFDB_TEST(columns_are_refused_as_one_by_one) {
         same_both_ways(given);
         given.poses[at].rotation = {0.0, 0.0, 0.0, 0.0};
         same_both_ways(given);
-        given.poses[at].rotation = {0.0, 0.0, 0.6, 0.8000001};  // mended, and counted
+        given.poses[at].rotation = {0.0, 0.0, 0.6, 0.8000001};  // normalised, and counted
         same_both_ways(given);
         for (const StampNs stamp :
              {StampNs{-1}, clock::kMaxStamp + 1, StampNs{40} * kSecond, StampNs{30} * kSecond,

@@ -347,7 +347,7 @@ private:
     /// Throws SnapshotTooOld.
     template <class Attempt>
     void read(Attempt attempt) const {
-        may_end();
+        interruption_point();
         (void)store::read(store_, held_, attempt);
     }
 

@@ -95,7 +95,7 @@ void tried(Read read) {
     }
 }
 
-void read_all(const Reads& state) {
+void read_all(const StoreReader& state) {
     const lookup::Policy nearest{lookup::PolicyKind::kNearest, lookup::kNoLimit};
     std::vector<StampNs> stamps;
     for (StampNs stamp = 0; stamp < 2'500'000; stamp += 60'123)

@@ -11,8 +11,8 @@ namespace tfdb {
 using lookup::Outcome;
 
 template <class Real>
-void Reads::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stamp, Policy policy,
-                         Missing missing, std::span<Real> out) const {
+void StoreReader::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stamp,
+                               Policy policy, Missing missing, std::span<Real> out) const {
     store::check_room<Real>(frames, out);
     Question question = store::of_edges(stamp, policy);
     Answer answer;
@@ -30,7 +30,7 @@ void Reads::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stam
         bool complete = true;
         for (at = 0; at < frames.size(); ++at) {
             if (at % store::kEdgesBetweenEnds == 0)
-                may_end();
+                interruption_point();
             question.source = frames[at];
             const Outcome looked_up =
                 store::QuestionResolver(view, find, question).answer(answer, failure);
@@ -50,9 +50,9 @@ void Reads::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stam
         store::raise_at(*this, failure, question, at);
 }
 
-template void Reads::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy, Missing,
-                                  std::span<float>) const;
-template void Reads::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy, Missing,
-                                  std::span<double>) const;
+template void StoreReader::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy,
+                                        Missing, std::span<float>) const;
+template void StoreReader::lookup_edges(std::span<FrameRef>, std::optional<StampNs>, Policy,
+                                        Missing, std::span<double>) const;
 
 }  // namespace tfdb

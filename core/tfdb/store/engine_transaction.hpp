@@ -26,10 +26,10 @@ public:
     EngineTransaction(const EngineTransaction&) = delete;
     EngineTransaction& operator=(const EngineTransaction&) = delete;
 
-    /// As Reads::ask, by name.
+    /// As StoreReader::ask, by name.
     [[nodiscard]] virtual bool ask(Question& question, Answer& answer, Failure& failure) = 0;
     [[nodiscard]] virtual bool has_frame(std::string_view name) = 0;
-    /// As Reads::parent_of.
+    /// As StoreReader::parent_of.
     [[nodiscard]] virtual std::optional<std::string> parent_of(std::string_view name,
                                                                std::optional<StampNs> stamp) = 0;
     /// As the reads of these names. False: `failure` has the reason.

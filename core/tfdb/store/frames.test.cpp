@@ -244,8 +244,8 @@ TFDB_TEST(frames_before_their_first_sample_never_hang_under_themselves) {
         return all;
     };
     const Snapshot held = buffer.snapshot();
-    for (const Reads* reads :
-         {static_cast<const Reads*>(&buffer), static_cast<const Reads*>(&held)}) {
+    for (const StoreReader* reads :
+         {static_cast<const StoreReader*>(&buffer), static_cast<const StoreReader*>(&held)}) {
         for (const StampNs stamp : {5, 10, 19}) {
             const char* const expected =
                 stamp < 10 ? "base<- hand<- map<- odom<map " : "base<- hand<- map<base odom<map ";

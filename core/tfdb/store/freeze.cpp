@@ -115,7 +115,7 @@ private:
     /// Reads the state; throws SnapshotTooOld.
     template <class Attempt>
     void read(Attempt attempt) const {
-        may_end();
+        interruption_point();
         (void)store::read(store_, held_, attempt);
     }
 

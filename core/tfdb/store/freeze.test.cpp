@@ -61,7 +61,7 @@ std::string shown(const FrameInfo& info) {
            std::to_string(info.newest) + " " + std::to_string(info.longest_gap) + " by " +
            info.authority + " " + std::to_string(info.late) + (info.cleared ? " cleared" : "");
 }
-std::string shown(const Reads& reads, const Answer& answer) {
+std::string shown(const StoreReader& reads, const Answer& answer) {
     std::string text = bits(answer.pose) + "at " + std::to_string(answer.stamp) + " of " +
                        std::to_string(answer.commit);
     for (const EdgeUse& use : answer.edges) {
@@ -84,7 +84,7 @@ void note(std::vector<std::string>& all, Ask ask) {
 }
 
 /// Everything that one state can be asked, at these stamps.
-std::vector<std::string> everything(const Reads& reads, const std::vector<StampNs>& stamps) {
+std::vector<std::string> everything(const StoreReader& reads, const std::vector<StampNs>& stamps) {
     std::vector<std::string> all{std::to_string(reads.commit())};
     for (const FrameInfo& info : reads.tree())
         all.push_back(shown(info));

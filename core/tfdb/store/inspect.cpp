@@ -221,7 +221,7 @@ private:
 
 }  // namespace
 
-std::vector<std::string> Reads::frames() const {
+std::vector<std::string> StoreReader::frames() const {
     std::vector<std::string> names;
     (void)store::read(*store_, held_, [&](const StoreView& view) {
         names.clear();
@@ -238,7 +238,7 @@ std::vector<std::string> Reads::frames() const {
     return sorted;
 }
 
-FrameInfo Reads::frame_info(std::string_view name) const {
+FrameInfo StoreReader::frame_info(std::string_view name) const {
     FrameInfo info;
     read_frame(*store_, held_, name, [&](const StoreView& view, FrameId id) {
         return fill_info(*store_, view, id, info);
@@ -246,7 +246,7 @@ FrameInfo Reads::frame_info(std::string_view name) const {
     return info;
 }
 
-std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
+std::vector<FrameInfo> StoreReader::tree(std::optional<StampNs> stamp) const {
     const TreeColumns all = tree_columns(stamp);
     std::vector<FrameInfo> infos(all.rows.size());
     for (std::size_t i = 0; i < infos.size(); ++i) {
@@ -267,7 +267,7 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
     return infos;
 }
 
-TreeColumns Reads::tree_columns(std::optional<StampNs> stamp) const {
+TreeColumns StoreReader::tree_columns(std::optional<StampNs> stamp) const {
     Listing listing(*store_);
     (void)store::read(*store_, held_, [&](const StoreView& view) {
         const Outcome outcome = listing.read(view, stamp);
@@ -276,7 +276,7 @@ TreeColumns Reads::tree_columns(std::optional<StampNs> stamp) const {
     return listing.sorted();
 }
 
-Samples Reads::samples(std::string_view name) const {
+Samples StoreReader::samples(std::string_view name) const {
     Samples out;
     read_frame(*store_, held_, name, [&](const StoreView& view, FrameId id) {
         out = Samples{};
@@ -307,8 +307,8 @@ Samples Reads::samples(std::string_view name) const {
     return out;
 }
 
-Reach Reads::reach(std::string_view target, std::string_view source,
-                   std::optional<StampNs> stamp) const {
+Reach StoreReader::reach(std::string_view target, std::string_view source,
+                         std::optional<StampNs> stamp) const {
     Reach reach;
     const auto walk = [&](const StoreView& view, FrameId to, FrameId from) {
         if (to == kNoFrame || from == kNoFrame)
@@ -337,8 +337,8 @@ Reach Reads::reach(std::string_view target, std::string_view source,
     return reach;
 }
 
-std::optional<std::string> Reads::parent_of(std::string_view name,
-                                            std::optional<StampNs> stamp) const {
+std::optional<std::string> StoreReader::parent_of(std::string_view name,
+                                                  std::optional<StampNs> stamp) const {
     std::optional<std::string> found;
     read_frame(*store_, held_, name, [&](const StoreView& view, FrameId id) {
         found.reset();
@@ -351,7 +351,7 @@ std::optional<std::string> Reads::parent_of(std::string_view name,
     return found;
 }
 
-std::string Reads::frame_name(FrameId id, std::uint32_t generation) const {
+std::string StoreReader::frame_name(FrameId id, std::uint32_t generation) const {
     return store::name_of_frame(*store_, id, generation);
 }
 

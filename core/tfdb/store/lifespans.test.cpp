@@ -154,16 +154,16 @@ TFDB_TEST(lifespans_come_from_the_first_that_matches) {
 TFDB_TEST(lifespans_refuse_every_lookup_over_an_old_edge) {
     Robot robot;
     const Snapshot before = robot.buffer.snapshot();
-    check_all<const Reads>(robot.buffer, false);
+    check_all<const StoreReader>(robot.buffer, false);
     robot.enforce({kShort});
-    check_all<const Reads>(robot.buffer, true);
-    check_all<const Reads>(before, true);
+    check_all<const StoreReader>(robot.buffer, true);
+    check_all<const StoreReader>(before, true);
     {
         Transaction transaction(robot.buffer);
         check_all(transaction, true);
     }
     robot.enforce({});
-    check_all<const Reads>(robot.buffer, false);
+    check_all<const StoreReader>(robot.buffer, false);
 }
 
 TFDB_TEST(lifespans_leave_paths_without_old_edges_alone) {

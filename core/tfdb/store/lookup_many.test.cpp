@@ -55,7 +55,7 @@ const Policy kPolicies[] = {{PolicyKind::kInterpolate, lookup::kNoLimit},
                             {PolicyKind::kNearest, 4},
                             {PolicyKind::kExtrapolate, 700}};
 
-void check_row(const Reads& reads, const char* target, const char* source, StampNs stamp,
+void check_row(const StoreReader& reads, const char* target, const char* source, StampNs stamp,
                const Policy& policy, const double* row) {
     std::optional<Pose> expected;
     try {
@@ -83,7 +83,7 @@ TFDB_TEST(lookup_many_passes_over_what_its_state_does_not_show) {
         for (const StampNs stamp : {26, 54, 68, 83})
             set(buffer, "map", "base", ms(stamp), pose_of(static_cast<double>(stamp)));
         std::optional<Snapshot> held;
-        std::vector<const Reads*> asked{&buffer};
+        std::vector<const StoreReader*> asked{&buffer};
         if (!refused)
             asked.push_back(&held.emplace(buffer.snapshot()));
         std::vector<TransformView> late;
@@ -101,7 +101,7 @@ TFDB_TEST(lookup_many_passes_over_what_its_state_does_not_show) {
             std::array<StampNs, 4> stamps{};
             for (StampNs& stamp : stamps)
                 stamp = ms(static_cast<StampNs>(random() % 100));
-            for (const Reads* reads : asked) {
+            for (const StoreReader* reads : asked) {
                 for (const Policy& policy : kPolicies) {
                     std::array<double, 28> rows{};
                     reads->lookup_many("map", "base", stamps, policy, Layout::kPose, Missing::kNan,
@@ -196,7 +196,7 @@ TFDB_TEST(lookup_many_of_no_stamps_and_of_frames_in_two_trees) {
 namespace {
 
 template <class Real>
-void check_points(const Reads& reads, const char* source, std::size_t stride) {
+void check_points(const StoreReader& reads, const char* source, std::size_t stride) {
     const auto stamps = some_stamps(stride == 3, 100, kEnd - 100);
     std::mt19937 random(4);
     std::vector<Real> points(stride * stamps.size());
@@ -278,8 +278,9 @@ TFDB_TEST(transform_points_refused_in_place_leaves_every_point) {
 namespace {
 
 /// Rows of T[target<-source], each judged by the single lookup.
-std::vector<double> rows_like_lookups(const Reads& reads, const char* target, const char* source,
-                                      const std::vector<StampNs>& stamps, const Policy& policy) {
+std::vector<double> rows_like_lookups(const StoreReader& reads, const char* target,
+                                      const char* source, const std::vector<StampNs>& stamps,
+                                      const Policy& policy) {
     std::vector<double> rows(7 * stamps.size());
     reads.lookup_many(target, source, stamps, policy, Layout::kPose, Missing::kNan, rows);
     for (std::size_t i = 0; i < stamps.size(); ++i)
@@ -335,7 +336,8 @@ TFDB_TEST(lookup_many_where_parent_and_child_swapped_roles) {
     set(buffer, "g", "f", 30, pose_of(2));
     set(buffer, "f", "w", 40, pose_of(3));
     for (const Policy& policy : kPolicies) {
-        for (const Reads* reads : std::initializer_list<const Reads*>{&buffer, &before}) {
+        for (const StoreReader* reads :
+             std::initializer_list<const StoreReader*>{&buffer, &before}) {
             rows_like_lookups(*reads, "w", "f", {5}, policy);
             rows_like_lookups(*reads, "w", "f", {3, 5, 6, 20}, policy);
         }

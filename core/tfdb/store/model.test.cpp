@@ -199,7 +199,7 @@ private:
     }
 
     void question(int operation) {
-        const Reads* reads = &buffer_;
+        const StoreReader* reads = &buffer_;
         std::size_t state = model_.commit();
         if (!held_.empty() && chance(0.5)) {
             const Held& h = *held_[static_cast<std::size_t>(below(static_cast<int>(held_.size())))];
@@ -281,7 +281,7 @@ private:
         }
     }
 
-    void report(const Reads& reads, std::size_t state) const {
+    void report(const StoreReader& reads, std::size_t state) const {
         for (const std::string& frame : model_.frames(state)) {
             std::printf("    model %s\n    store %s\n",
                         describe(frame, model_.samples(state, frame)).c_str(),
@@ -289,7 +289,7 @@ private:
         }
     }
 
-    bool agree_about_times(const Reads& reads, std::size_t state, const std::string& target,
+    bool agree_about_times(const StoreReader& reads, std::size_t state, const std::string& target,
                            const std::string& source, std::optional<StampNs> at) const {
         std::optional<std::pair<StampNs, StampNs>> times;
         std::optional<std::string> parent;
@@ -313,7 +313,7 @@ private:
     }
 
     /// Frames, their samples, what is told of them, and the tree at a stamp.
-    void look_around(const Reads& reads, std::size_t state, StampNs at) const {
+    void look_around(const StoreReader& reads, std::size_t state, StampNs at) const {
         const std::vector<std::string> names = model_.frames(state);
         CHECK(reads.frames() == names);
         const std::vector<FrameInfo> tree = reads.tree(at);
@@ -336,7 +336,7 @@ private:
     }
 
     /// Through a frame that stays put; any of the three may be unknown.
-    bool ask_full(const Reads& reads, std::size_t state, const std::string& target,
+    bool ask_full(const StoreReader& reads, std::size_t state, const std::string& target,
                   std::optional<StampNs> at, const std::string& source, Policy policy) {
         if (policy.kind == PolicyKind::kLatest || !chance(0.3))
             return true;
@@ -351,7 +351,7 @@ private:
     }
 
     template <class Find>
-    static bool ask(const Reads& reads, const Find& find, const naive::Reply& expected) {
+    static bool ask(const StoreReader& reads, const Find& find, const naive::Reply& expected) {
         std::optional<ErrorCode> code;
         Answer answer;
         ErrorDetail detail;
@@ -404,7 +404,7 @@ private:
         return text;
     }
 
-    static bool same(const Reads& reads, const Answer& answer, const naive::Reply& expected) {
+    static bool same(const StoreReader& reads, const Answer& answer, const naive::Reply& expected) {
         const double* got = &answer.pose.translation.x;
         const double* want = &expected.pose.translation.x;
         double apart = 0;

@@ -29,7 +29,7 @@ void renew(Buffer& buffer, double number) {
 }
 
 /// Every read that names a frame, once; `handles`: those of some earlier state, or none.
-void read_all(const Reads& reads, const FrameHandle (&handles)[2]) {
+void read_all(const StoreReader& reads, const FrameHandle (&handles)[2]) {
     Answer answer;
     Failure failure;
     for (const Question::Kind kind :

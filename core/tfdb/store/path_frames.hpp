@@ -44,15 +44,15 @@ template <class View>
         chain.sure += sure ? 1 : 0;
         if (!edge.confirm())
             return false;
-        const bool hangs =
+        const bool has_parent =
             newest && view.alive_since(SlotWord::parent(slot), SlotWord::commit(slot));
         // Alternatively, another frame may have the parent's slot by now.
-        if (newest && !hangs) {
+        if (newest && !has_parent) {
             View::Memory::fence_acquire();
             if (view.frames().store_word(graph::kRecycleFloor).load_relaxed() > view.commit())
                 return false;
         }
-        at = hangs ? SlotWord::parent(slot) : kNoFrame;
+        at = has_parent ? SlotWord::parent(slot) : kNoFrame;
     }
     if (at != kNoFrame)
         chain.sure = 0;

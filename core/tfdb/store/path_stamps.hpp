@@ -12,7 +12,7 @@
 
 namespace tfdb::store {
 
-/// As Reads::path_stamps, into `stamps`.
+/// As StoreReader::path_stamps, into `stamps`.
 template <lookup::View V>
 [[nodiscard]] lookup::Outcome path_stamps(const V& view, FrameId target, FrameId source,
                                           std::optional<StampNs> start, std::optional<StampNs> end,
@@ -30,7 +30,7 @@ template <lookup::View V>
     std::vector<StampNs> merged;
     for (const auto* chain : {&answer.source_chain, &answer.target_chain}) {
         for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
-            may_end();
+            interruption_point();
             typename V::Edge edge;
             if (!view.open((*chain)[i], edge) || edge.empty())
                 return Outcome::kLapped;  // the walk found a parent, so the slot was reused

@@ -17,7 +17,7 @@ CommitNumber set(Buffer& buffer, std::string_view child, StampNs stamp) {
     return buffer.set_transform({"map", child, stamp, kPose}, false, "");
 }
 
-ErrorCode code_of_lookup(const Reads& reads, StampNs stamp) {
+ErrorCode code_of_lookup(const StoreReader& reads, StampNs stamp) {
     try {
         static_cast<void>(reads.lookup_transform("map", "base", stamp));
     } catch (const Error& error) {

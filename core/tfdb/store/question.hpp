@@ -116,7 +116,7 @@ namespace store {
     return question;
 }
 
-/// The answer of a Reads or a Transaction. Throws the typed error of a failed question.
+/// The answer of a StoreReader or a Transaction. Throws the typed error of a failed question.
 template <class Asked>
 [[nodiscard]] Answer answer_or_raise(Asked& asked, Question question) {
     Answer answer;
@@ -126,7 +126,7 @@ template <class Asked>
     return answer;
 }
 
-/// Whether a Reads or a Transaction has an answer. Throws SnapshotTooOld.
+/// Whether a StoreReader or a Transaction has an answer. Throws SnapshotTooOld.
 template <class Asked>
 [[nodiscard]] bool can_answer(Asked& asked, Question question) {
     Answer answer;

@@ -26,7 +26,7 @@ const forest::Script kScript{
 /// In which state a name is looked up, given the state that answers.
 using StateOfNames = std::function<CommitNumber(const WalkedForest&, CommitNumber)>;
 
-/// As Reads::ask; false: overtaken.
+/// As StoreReader::ask; false: overtaken.
 bool ask(const WalkedForest& store, tfdb::Question& question, const StateOfNames& state_of_names) {
     const CommitNumber commit = store.word(graph::kCommit).load_acquire();
     const auto view = store.view(commit);

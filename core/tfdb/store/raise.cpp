@@ -232,7 +232,7 @@ void store::raise_failure(const Failure& failure, const Question& question,
     raise_extrapolation(c);
 }
 
-void Reads::raise(const Failure& failure, const Question& question) const {
+void StoreReader::raise(const Failure& failure, const Question& question) const {
     if (failure.code == ErrorCode::kSnapshotTooOld)
         store::throw_unreadable(*store_, failure.commit);
     const auto name_of = [this](FrameHandle frame) {

@@ -58,16 +58,16 @@ bool ask(const Store& store, CommitNumber held, Question& question, Answer& answ
 
 }  // namespace store
 
-CommitNumber Reads::commit() const {
+CommitNumber StoreReader::commit() const {
     return held_ == store::kNewest ? store_->committed() : held_;
 }
 
-bool Reads::is_current(FrameHandle handle) const noexcept {
+bool StoreReader::is_current(FrameHandle handle) const noexcept {
     return handle.id < store_->frames.count() &&
            store_->frames.generation(handle.id) == handle.generation;
 }
 
-bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
+bool StoreReader::find_frame(std::string_view name, FrameHandle& out) const {
     // Only commits that run alone create and remove frames, so this needs no engine.
     const auto attempt = [&](const StoreView& view) {
         out.id = store_->names.find(name, view.commit());
@@ -83,7 +83,7 @@ bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
     return outcome == Outcome::kOk;
 }
 
-bool Reads::ask(Question& question, Answer& answer, Failure& failure) const {
+bool StoreReader::ask(Question& question, Answer& answer, Failure& failure) const {
     if (held_ == store::kNewest && store_->engine != nullptr) [[unlikely]] {
         store::check_not_in_transaction(*store_);
         return store_->engine->read(question, answer, failure) == Outcome::kOk;

@@ -31,7 +31,7 @@ public:
             return;
         if (recursive) {
             add_descendants();
-        } else if (somebody_stays()) {
+        } else if (has_remaining_child()) {
             refuse_used();
         }
     }
@@ -50,7 +50,7 @@ private:
     }
 
     /// Whether a frame to be removed has a child that stays.
-    [[nodiscard]] bool somebody_stays() const {
+    [[nodiscard]] bool has_remaining_child() const {
         std::uint64_t expected = 0;
         std::uint64_t going = 0;
         for (const FrameId id : gone_) {

@@ -170,7 +170,7 @@ void check_edges(const From& from, std::span<const std::optional<std::string>> p
 }
 
 /// Whether there is an answer, and why there is none; also at the latest common time.
-void check_whether(const Reads& reads, const Question& q, const Singles& singles) {
+void check_whether(const StoreReader& reads, const Question& q, const Singles& singles) {
     Answer answer;
     Failure failure;
     for (std::size_t i = 0; i < q.stamps.size(); ++i) {
@@ -186,7 +186,7 @@ void check_whether(const Reads& reads, const Question& q, const Singles& singles
     CHECK_EQ(reads.ask(newest, answer, failure), found);
 }
 
-void check_points(const Reads& reads, const Question& q, const Singles& singles) {
+void check_points(const StoreReader& reads, const Question& q, const Singles& singles) {
     constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
     std::vector<double> points;
     std::vector<double> moved;
@@ -255,7 +255,8 @@ public:
             return buffer_.ask(store::at_stamp(to, from, stamp, q.policy), answer, failure);
         });
         CHECK(same_bits(singles.rows[0], fresh.rows[0]) && singles.codes == fresh.codes);
-        for (const Reads* const reads : std::initializer_list<const Reads*>{&snapshot, &buffer_})
+        for (const StoreReader* const reads :
+             std::initializer_list<const StoreReader*>{&snapshot, &buffer_})
             check_whether(*reads, q, singles);
         check_batches(snapshot, q, singles);
         check_batches(buffer_, q, singles);
@@ -467,7 +468,7 @@ private:
             parents.back() = snapshot.frame_name(use.parent, use.parent_generation);
         }
         check_edges(snapshot, parents, stamp, policy);
-        check_edges(static_cast<const Reads&>(buffer_), parents, stamp, policy);
+        check_edges(static_cast<const StoreReader&>(buffer_), parents, stamp, policy);
         check_edges(transaction, parents, stamp, policy);
     }
 

@@ -79,7 +79,7 @@ void move_arm(Buffer& buffer, StampNs stamp, double number) {
     buffer.set_transforms(batch, false, "arm");
 }
 /// In one state all three say the same; returns what.
-double arm_in(const Reads& state) {
+double arm_in(const StoreReader& state) {
     const auto latest = [&](const char* target, const char* source) {
         return fixture::number_of(state.lookup_latest_transform(target, source).pose);
     };

@@ -196,7 +196,7 @@ struct Names {
 };
 
 /// None: the edge has no sample, which only a clear may bring about.
-std::optional<double> latest(const Reads& state, const std::string& target,
+std::optional<double> latest(const StoreReader& state, const std::string& target,
                              const std::string& source) {
     try {
         return number_of(state.lookup_latest_transform(target, source).pose);
@@ -209,7 +209,7 @@ std::optional<double> latest(const Reads& state, const std::string& target,
 
 /// The number of an arm in one state, judged to be the same in all of its edges; none if it was
 /// cleared.
-std::optional<std::uint64_t> judged_arm(const Reads& state, unsigned writer) {
+std::optional<std::uint64_t> judged_arm(const StoreReader& state, unsigned writer) {
     const Names names(writer);
     const std::optional<double> first = latest(state, "map", names.joints[0]);
     const auto same = [&](const char* what, const std::optional<double>& number,
@@ -235,7 +235,7 @@ std::optional<std::uint64_t> judged_arm(const Reads& state, unsigned writer) {
     return number;
 }
 
-std::uint64_t judged_shared(const Reads& state) {
+std::uint64_t judged_shared(const StoreReader& state) {
     const double one = latest(state, "map", "shared/one").value_or(-1.0);
     const double two = latest(state, "shared/one", "shared/two").value_or(-1.0);
     if (one < 0.0 || one != two)
@@ -243,7 +243,7 @@ std::uint64_t judged_shared(const Reads& state) {
     return static_cast<std::uint64_t>(std::max(one, 0.0));
 }
 
-void judge_late(const Reads& state, unsigned writer) {
+void judge_late(const StoreReader& state, unsigned writer) {
     const Samples samples = state.samples(Names(writer).late);
     StampNs last = -1;
     for (std::size_t i = 0; i < samples.stamps.size(); ++i) {

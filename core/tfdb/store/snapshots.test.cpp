@@ -29,7 +29,7 @@ struct Record {
     std::vector<std::string> frames;
     std::vector<double> rows;
 
-    Record(const Reads& reads, StampNs newest) {
+    Record(const StoreReader& reads, StampNs newest) {
         for (StampNs stamp = newest - kHistory; stamp <= newest; stamp += 7) {
             keep(reads.lookup_transform("map", "c", stamp));
             keep(reads.lookup_transform("other", "b", stamp,

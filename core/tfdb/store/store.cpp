@@ -114,7 +114,7 @@ Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& opti
 /// Publishes where writers find this process's pins.
 void Store::join() {
     note_reads();
-    sync::tell_of_forks(*this);
+    sync::add_fork_watcher(*this);
 }
 
 void Store::forked() noexcept {
@@ -138,7 +138,7 @@ void Store::note_reads() {
 
 Store::~Store() {
     if (shared != nullptr)
-        sync::tell_no_more(*this);
+        sync::remove_fork_watcher(*this);
     delete waits_here.load_acquire();
 }
 

@@ -202,7 +202,7 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
     }
     for (std::size_t i = 0; i < stamps.size(); ++i) {
         if (i % 256 == 0)
-            may_end();
+            interruption_point();
         question.stamp = stamps[i];
         const bool found = ask(question, answer, failure);
         if (!found && missing == Missing::kThrow)
@@ -222,7 +222,7 @@ void Transaction::lookup_edges(std::span<FrameRef> frames, std::optional<StampNs
     Question question = store::of_edges(stamp, policy);
     for (std::size_t i = 0; i < frames.size(); ++i) {
         if (i % store::kEdgesBetweenEnds == 0)
-            may_end();
+            interruption_point();
         question.source = frames[i];
         const bool found = ask(question, answer, failure);
         if (!found && missing == Missing::kThrow)

@@ -56,23 +56,23 @@ public:
     /// WrongThread. Blocks as the engine does.
     void begin();
 
-    /// As Reads::ask; frames may be the transaction's own. Throws Conflict, TransactionClosed,
-    /// WrongThread, as do all methods below.
+    /// As StoreReader::ask; frames may be the transaction's own. Throws Conflict,
+    /// TransactionClosed, WrongThread, as do all methods below.
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) const;
     using LookupsByName::ask;
-    /// Rows of T[target<-source] at each stamp, as Reads::lookup_many.
+    /// Rows of T[target<-source] at each stamp, as StoreReader::lookup_many.
     void lookup_many(std::string_view target, std::string_view source,
                      std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
                      std::span<double> out);
-    /// As in Reads.
+    /// As in StoreReader.
     template <class Real>
     void lookup_edges(std::span<FrameRef> frames, std::optional<StampNs> stamp, Policy policy,
                       Missing missing, std::span<Real> out) const;
     [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
                                                        std::optional<StampNs> stamp = std::nullopt);
     [[nodiscard]] bool has_frame(std::string_view name);
-    /// As in Reads. A listing of all frames depends on each of them, and on the absence of new
-    /// ones.
+    /// As in StoreReader. A listing of all frames depends on each of them, and on the absence of
+    /// new ones.
     template <class Real>
     void transform_points(std::string_view target, std::string_view source, const Real* points,
                           std::size_t stride, std::size_t count, std::span<const StampNs> stamps,

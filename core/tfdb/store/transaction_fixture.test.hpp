@@ -24,10 +24,10 @@ inline void put_static(Transaction& tx, std::string_view parent, std::string_vie
 inline double latest(Transaction& tx, std::string_view target, std::string_view source) {
     return number_of(tx.lookup_latest_transform(target, source).pose);
 }
-inline double latest(const Reads& reads, std::string_view target, std::string_view source) {
+inline double latest(const StoreReader& reads, std::string_view target, std::string_view source) {
     return number_of(reads.lookup_latest_transform(target, source).pose);
 }
-inline bool has_frame(const Reads& reads, std::string_view name) {
+inline bool has_frame(const StoreReader& reads, std::string_view name) {
     FrameHandle unused;
     return reads.find_frame(name, unused);
 }

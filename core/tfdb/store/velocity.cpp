@@ -27,10 +27,10 @@ store::VelocityQuestion store::velocity_question(std::string_view target, std::s
     return {{target, source, reference, point_frame}, stamp, interval, point};
 }
 
-Twist Reads::lookup_velocity(std::string_view target, std::string_view source,
-                             std::optional<StampNs> stamp, StampNs interval,
-                             std::string_view reference, geometry::Vec3 point,
-                             std::string_view point_frame) const {
+Twist StoreReader::lookup_velocity(std::string_view target, std::string_view source,
+                                   std::optional<StampNs> stamp, StampNs interval,
+                                   std::string_view reference, geometry::Vec3 point,
+                                   std::string_view point_frame) const {
     const store::VelocityQuestion question =
         store::velocity_question(target, source, stamp, interval, reference, point, point_frame);
     Twist twist{};

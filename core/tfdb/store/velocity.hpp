@@ -36,7 +36,7 @@ enum Role : std::size_t { kTarget, kSource, kReference, kPointFrame, kRoles };
 
 using Frames = std::array<FrameId, kRoles>;
 
-/// The arguments of Reads::lookup_velocity, with defaults filled in.
+/// The arguments of StoreReader::lookup_velocity, with defaults filled in.
 struct VelocityQuestion {
     std::array<std::string_view, kRoles> names;  // by role
     std::optional<StampNs> stamp;

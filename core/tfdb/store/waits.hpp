@@ -30,7 +30,7 @@ public:
     explicit Patience(std::optional<std::int64_t> longest_ns);
     [[nodiscard]] std::int64_t left() const;
     [[nodiscard]] static bool heeds_signals() { return Interruption::current() != nullptr; }
-    static void signalled() { may_end(); }
+    static void signalled() { interruption_point(); }
 
 private:
     std::int64_t until_ = std::numeric_limits<std::int64_t>::max();
@@ -90,7 +90,7 @@ public:
         // to the newest commit checked.
         CommitNumber quiet_after = 0;
         std::optional<CommitNumber> quiet_until{};
-        std::uint64_t news = 0;  // how often it was touched or its looks changed
+        std::uint64_t wakeups = 0;  // how often it was touched or its looks changed
     };
 
     /// Waits until the question has an answer.
@@ -145,7 +145,7 @@ public:
         // No commit after the first number, up to the second, touched its looks.
         CommitNumber quiet_after = 0;
         CommitNumber quiet_until = 0;
-        std::uint64_t news = 0;  // for `sleep`
+        std::uint64_t wakeups = 0;  // for `sleep`
     };
     /// Sets the frames that a watch looks at: sorted, without duplicates; kBirths and kCommits are
     /// allowed. If they differ from before, its threads wake as if they had been touched.
@@ -154,11 +154,11 @@ public:
         if (watch.closed->load_acquire() != 0)
             return {};
         begin_looking();
-        Looked looked{watch.quiet_after, watch.quiet_until.value_or(seen_), watch.news};
+        Looked looked{watch.quiet_after, watch.quiet_until.value_or(seen_), watch.wakeups};
         if (enter(watch, frames)) {
-            looked = {0, 0, ++watch.news};
+            looked = {0, 0, ++watch.wakeups};
             wake(watch, WaitEnd::kCame);
-            group_.tell();
+            group_.notify();
             watch.quiet_after = seen_;
         } else if (watch.quiet_until) {
             watch.quiet_after = seen_;
@@ -167,10 +167,10 @@ public:
         return looked;
     }
     /// Waits until one of them is touched; returns at once if that happened since that `look_at`.
-    [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t news, Patience patience) {
+    [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t wakeups, Patience patience) {
         const Locked locked(group_);
         // Without looks: it is closed, or a stop ended it and waits may begin again.
-        if (watch.news != news || watch.closed->load_acquire() != 0 ||
+        if (watch.wakeups != wakeups || watch.closed->load_acquire() != 0 ||
             (watch.looks.empty() && !closed_))
             return WaitEnd::kCame;
         if (closed_)
@@ -185,7 +185,7 @@ public:
         const Locked locked(group_);
         remove(watch);
         wake(watch, WaitEnd::kCame);
-        group_.tell();
+        group_.notify();
     }
 
     /// Ends all current and future waits, as kClosed or kStopped. The first kClosed is final.
@@ -195,9 +195,9 @@ public:
         if (closed_ != WaitEnd::kClosed)
             closed_ = how;
         end_all(how);
-        if (teller_ != nullptr)
-            group_.end(*teller_);
-        group_.tell();
+        if (ends_waiter_ != nullptr)
+            group_.end(*ends_waiter_);
+        group_.notify();
     }
     /// Allows new waits after kStopped.
     void reopen() {
@@ -277,15 +277,15 @@ private:
         if (!ended_.empty() || closed_ || patience.left() <= 0)
             return;
         typename WaitGroup::Waiter me;
-        teller_ = &me;
+        ends_waiter_ = &me;
         try {
             group_.wait(
                 me, [this] { look(); }, patience);
         } catch (...) {
-            teller_ = nullptr;
+            ends_waiter_ = nullptr;
             throw;
         }
-        teller_ = nullptr;
+        ends_waiter_ = nullptr;
     }
 
     /// False: it has already ended, with `how`.
@@ -367,8 +367,8 @@ private:
             return;
         ended_.push_back({wait.number, how});
         begun_.erase(wait.number);
-        if (teller_ != nullptr)
-            group_.end(*teller_);
+        if (ends_waiter_ != nullptr)
+            group_.end(*ends_waiter_);
     }
     void end_all(WaitEnd how) noexcept {
         while (!looks_.empty())
@@ -431,7 +431,7 @@ private:
                 if (wait->closed != nullptr) {
                     if (!wait->quiet_until)
                         wait->quiet_until = seen_;
-                    ++wait->news;
+                    ++wait->wakeups;
                     wake(*wait, WaitEnd::kCame);
                 } else if (is_answered(*wait)) {
                     end(*wait, WaitEnd::kCame);
@@ -491,7 +491,7 @@ private:
     std::uint64_t last_number_ = 0;
     std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;
     std::vector<EndedWait> ended_;
-    typename WaitGroup::Waiter* teller_ = nullptr;  // the thread that waits for ends, or null
+    typename WaitGroup::Waiter* ends_waiter_ = nullptr;  // the thread that waits for ends, or null
     FeedNotes notes_;
     std::vector<FrameId> noted_;
     std::vector<Wait*> touched_;

@@ -78,7 +78,7 @@ using Store = WatchedStore<3>;
 /// Two commits lap it.
 using SmallStore = WatchedStore<1>;
 
-/// As Reads::ask.
+/// As StoreReader::ask.
 template <unsigned Log2>
 bool ask(const WatchedStore<Log2>& store, CommitNumber /*held*/, tfdb::Question& question,
          Answer& answer, Failure& failure) {
@@ -449,9 +449,9 @@ struct EntersLate : Store::Waits {
         frames_ = frames;
         return {};
     }
-    WaitEnd sleep(Wait& watch, std::uint64_t /*news*/, Patience patience) {
+    WaitEnd sleep(Wait& watch, std::uint64_t /*wakeups*/, Patience patience) {
         const Looked looked = Store::Waits::look_at(watch, frames_);
-        return Store::Waits::sleep(watch, looked.news, patience);
+        return Store::Waits::sleep(watch, looked.wakeups, patience);
     }
 
 private:

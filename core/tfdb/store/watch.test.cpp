@@ -128,7 +128,7 @@ struct Path {
     Names frames;
     bool circles = false;
 
-    Path(const Reads& reads, const std::string& target, const std::string& source) {
+    Path(const StoreReader& reads, const std::string& target, const std::string& source) {
         if (!has_frame(reads, target) || !has_frame(reads, source))
             return;
         const std::vector<std::string> down = chain(reads, target);
@@ -145,7 +145,7 @@ struct Path {
     }
 
 private:
-    std::vector<std::string> chain(const Reads& reads, std::string name) {
+    std::vector<std::string> chain(const StoreReader& reads, std::string name) {
         std::vector<std::string> found;
         for (;;) {
             found.push_back(name);
@@ -168,7 +168,7 @@ public:
     explicit Oracle(const Watched& watched) : watched_(watched) {}
 
     /// The next commit, of a state read by `reads`.
-    void add(const Reads& reads, const Changes& changes) {
+    void add(const StoreReader& reads, const Changes& changes) {
         Names names;
         for (const auto* list : {&changes.made, &changes.moved, &changes.cleared, &changes.removed})
             names.insert(list->begin(), list->end());
@@ -255,7 +255,7 @@ private:
 };
 
 /// What a state answers about each subject, bit for bit.
-std::vector<std::string> answers(const Reads& reads, const Watched& watched, StampNs now) {
+std::vector<std::string> answers(const StoreReader& reads, const Watched& watched, StampNs now) {
     std::vector<std::string> all;
     const auto add = [&](const std::function<std::string()>& ask) {
         try {

@@ -22,11 +22,11 @@ public:
                                           std::size_t limit) {
         for (;;) {
             check_open();
-            std::uint64_t news = 0;
-            std::vector<Touch> touched = read(after, limit, news);
+            std::uint64_t wakeups = 0;
+            std::vector<Touch> touched = read(after, limit, wakeups);
             if (!touched.empty() || patience.left() <= 0)
                 return touched;
-            const WaitEnd end = waits_.sleep(wait_, news, patience);
+            const WaitEnd end = waits_.sleep(wait_, wakeups, patience);
             if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved)
                 raise_ended_wait(store_, end);
             if (end != WaitEnd::kCame)
@@ -55,15 +55,15 @@ private:
     using Lock = typename Store::WaitGroup::Lock;
 
     /// The commits after `after` that touched a subject. If there are none, the waits check for all
-    /// frames that the next one may touch, since before the feed was read. `news`: for
+    /// frames that the next one may touch, since before the feed was read. `wakeups`: for
     /// `Waits::sleep`.
     [[nodiscard]] std::vector<Touch> read(CommitNumber after, std::size_t limit,
-                                          std::uint64_t& news) {
+                                          std::uint64_t& wakeups) {
         const std::lock_guard<Lock> guard(lock_);
         touches_.begin(after);
         const auto looked = waits_.look_at(wait_, touches_.frames());
         touches_.skip(looked.quiet_after, looked.quiet_until);
-        news = looked.news;
+        wakeups = looked.wakeups;
         return touches_.read(limit);
     }
 

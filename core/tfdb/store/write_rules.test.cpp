@@ -24,7 +24,7 @@ Buffer robot() {
     return buffer;
 }
 
-Pose at(const Reads& reads, const char* target, const char* source, StampNs stamp) {
+Pose at(const StoreReader& reads, const char* target, const char* source, StampNs stamp) {
     return reads.lookup_transform(target, source, stamp).pose;
 }
 

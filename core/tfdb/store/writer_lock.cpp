@@ -87,7 +87,7 @@ void WriterLock::await(bool urgently) {
         if (shared_ != nullptr && sync::steady_now() - began >= limit &&
             shared_->control->is_held_elsewhere())
             throw_timeout();
-        may_end();
+        interruption_point();
     }
 }
 

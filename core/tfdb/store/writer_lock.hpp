@@ -36,10 +36,10 @@ public:
                Repairs& repairs)
         : own_(word), commit_event_(commit_event), shared_(shared), repairs_(repairs) {}
 
-    /// The only place where a thread waits for other writers. It calls `may_end` a few times a
-    /// second, without the lock; an exception from it ends the wait. For a shared store, both throw
-    /// ReadOnly, LockTimeout (another process holds the lock too long), CorruptStore (the lock was
-    /// damaged).
+    /// The only place where a thread waits for other writers. It calls `interruption_point` a few
+    /// times a second, without the lock; an exception from it ends the wait. For a shared store,
+    /// both throw ReadOnly, LockTimeout (another process holds the lock too long), CorruptStore
+    /// (the lock was damaged).
     void lock() { lock_any(false); }
     void lock_urgently() { lock_any(true); }
     /// Throws ReadOnly, CorruptStore.
@@ -58,8 +58,8 @@ public:
     [[nodiscard]] bool in_use() const noexcept { return own_.in_use(); }
 
 private:
-    // Longest single wait. After it, `may_end` is called and, if another process holds the lock,
-    // other threads of this process get their turn.
+    // Longest single wait. After it, `interruption_point` is called and, if another process holds
+    // the lock, other threads of this process get their turn.
     static constexpr std::int64_t kTurnNs = 50'000'000;
 
     void lock_any(bool urgently) {

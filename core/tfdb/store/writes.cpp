@@ -79,9 +79,9 @@ std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch
     auto& together = store.samples;
     auto& members = store.members;
     history::NewSample<StoreMemory> sample;
-    std::uint64_t mended = 0;
+    std::uint64_t normalised = 0;
     const auto fill = [&](const Store::Item& item) {
-        mended += fill_from(batch[item.index], item.parent, batch.is_static(), sample) ? 1 : 0;
+        normalised += fill_from(batch[item.index], item.parent, batch.is_static(), sample) ? 1 : 0;
     };
     for (std::size_t i = 0; i < items.size(); ++i) {
         const FrameId child = items[i].child;
@@ -117,17 +117,17 @@ std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch
             take(++i);
         commit.append(child, together, [&](std::size_t k) { return members[k]; });
     }
-    return mended;
+    return normalised;
 }
 
 /// Publishes the writes; false if they would close a cycle.
-bool publish(Store& store, StoreCommit& commit, std::uint64_t mended, CommitNumber& number) {
+bool publish(Store& store, StoreCommit& commit, std::uint64_t normalised, CommitNumber& number) {
     txn::Cycle cycle;
     if (commit.cycles().find(cycle))
         return false;
     number = commit.publish();
-    if (mended != 0)
-        store.word(graph::kNormalised).fetch_add(mended);
+    if (normalised != 0)
+        store.word(graph::kNormalised).fetch_add(normalised);
     return true;
 }
 
@@ -144,8 +144,8 @@ bool store_all(Store& store, const Batch& batch, CommitNumber& number) {
     StoreCommit commit = store.start_commit(batch.authority());
     if (!resolve_items(store, commit, batch))
         return false;
-    const std::uint64_t mended = append_items(store, commit, batch);
-    return publish(store, commit, mended, number);
+    const std::uint64_t normalised = append_items(store, commit, batch);
+    return publish(store, commit, normalised, number);
 }
 
 /// A private copy of some rows of columns, so that validated rows do not change.
@@ -164,12 +164,12 @@ public:
             sound = sound && stamps_[i] > newest && clock::is_stamp(stamps_[i]) &&
                     is_finite(poses_[i].translation) && is_rotation(poses_[i].rotation);
             newest = stamps_[i];
-            mended_ += counts_as_mended(poses_[i].rotation) ? 1 : 0;
+            normalised_ += counts_as_normalised(poses_[i].rotation) ? 1 : 0;
         }
         return sound;
     }
     /// Number of normalised quaternions so far.
-    [[nodiscard]] std::uint64_t mended() const { return mended_; }
+    [[nodiscard]] std::uint64_t normalised() const { return normalised_; }
     [[nodiscard]] std::size_t count() const { return count_; }
     [[nodiscard]] StampNs stamp(std::size_t i) const { return stamps_[i]; }
     [[nodiscard]] const Pose& pose(std::size_t i) const { return poses_[i]; }
@@ -177,7 +177,7 @@ public:
 private:
     const EdgeColumns& columns_;
     std::size_t count_ = 0;
-    std::uint64_t mended_ = 0;
+    std::uint64_t normalised_ = 0;
     std::array<StampNs, kTogether> stamps_{};
     std::array<Pose, kTogether> poses_{};
 };
@@ -214,7 +214,7 @@ bool store_columns(Store& store, const EdgeColumns& columns, std::string_view au
         commit.append_ahead(child, parent, rows.count(), row,
                             [&](std::size_t i) { return first + i; });
     }
-    return publish(store, commit, rows.mended(), number);
+    return publish(store, commit, rows.normalised(), number);
 }
 
 /// The rows as members, for the general path.

@@ -48,7 +48,7 @@ private:
 };
 
 /// Whether a quaternion's norm is so far from one that its normalisation counts.
-[[nodiscard]] inline bool counts_as_mended(const geometry::Quat& q) {
+[[nodiscard]] inline bool counts_as_normalised(const geometry::Quat& q) {
     return std::abs(geometry::norm_squared(q) - 1.0) > 2e-9;
 }
 
@@ -72,7 +72,7 @@ inline bool fill_from(const TransformView& transform, FrameId parent, bool is_st
     sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
     sample.parent = parent;
     fill_payload(transform.pose, sample);
-    return counts_as_mended(transform.pose.rotation);
+    return counts_as_normalised(transform.pose.rotation);
 }
 
 /// The same, counted at once: for a sample that can no longer be refused.

@@ -25,12 +25,12 @@ CommitLock list_lock() {
 
 }  // namespace
 
-void tell_all() noexcept {
+void notify_fork_watchers() noexcept {
     for (ForkWatcher* at = g_first; at != nullptr; at = at->next_)
         at->forked();
 }
 
-void tell_of_forks(ForkWatcher& watcher) noexcept {
+void add_fork_watcher(ForkWatcher& watcher) noexcept {
     CommitLock lock = list_lock();
     const std::lock_guard guard(lock);
     watcher.next_ = g_first;
@@ -39,7 +39,7 @@ void tell_of_forks(ForkWatcher& watcher) noexcept {
     g_first = &watcher;
 }
 
-void tell_no_more(ForkWatcher& watcher) noexcept {
+void remove_fork_watcher(ForkWatcher& watcher) noexcept {
     CommitLock lock = list_lock();
     const std::lock_guard guard(lock);
     (watcher.before_ == nullptr ? g_first : watcher.before_->next_) = watcher.next_;
@@ -53,7 +53,7 @@ void watch_forks() {
         ::pthread_atfork([] { list_lock().lock(); }, [] { list_lock().unlock(); },
                          [] {
                              detail::g_forks.fetch_add(1);
-                             tell_all();
+                             notify_fork_watchers();
                              list_lock().unlock();
                          });
     if (failed != 0)

@@ -32,14 +32,14 @@ protected:
     ~ForkWatcher() = default;
 
 private:
-    friend void tell_of_forks(ForkWatcher& watcher) noexcept;
-    friend void tell_no_more(ForkWatcher& watcher) noexcept;
-    friend void tell_all() noexcept;
+    friend void add_fork_watcher(ForkWatcher& watcher) noexcept;
+    friend void remove_fork_watcher(ForkWatcher& watcher) noexcept;
+    friend void notify_fork_watchers() noexcept;
     ForkWatcher* next_ = nullptr;
     ForkWatcher* before_ = nullptr;
 };
 /// Call after `watch_forks`. Both: any thread; they wait while another thread forks.
-void tell_of_forks(ForkWatcher& watcher) noexcept;
-void tell_no_more(ForkWatcher& watcher) noexcept;
+void add_fork_watcher(ForkWatcher& watcher) noexcept;
+void remove_fork_watcher(ForkWatcher& watcher) noexcept;
 
 }  // namespace tfdb::sync

@@ -66,7 +66,7 @@ public:
         waiter.word_.wake_all();
     }
     /// Call after `end` of any waiter: it also notifies the thread that listens to the event.
-    void tell() noexcept { event_.notify(); }
+    void notify() noexcept { event_.notify(); }
 
 private:
     static constexpr std::uint64_t kWaits = 0;

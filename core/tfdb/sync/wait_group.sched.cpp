@@ -79,7 +79,7 @@ struct Room {
         for (Wait* const wait : waits)
             group.end(wait->waiter);
         waits.clear();
-        group.tell();
+        group.notify();
     }
     void commit() {
         counter.fetch_add(1);

@@ -301,7 +301,7 @@ public:
                        touched.author, source_);
         }
         if ((what_ & (FeedNote::kCleared | FeedNote::kRemoved)) != 0)
-            let_go();
+            retire_unneeded();
         return number();
     }
 
@@ -413,7 +413,7 @@ private:
     }
 
     /// After the commit: frees data that only older states show.
-    void let_go() {
+    void retire_unneeded() {
         for (const Touched& touched : scratch_.touched) {
             if ((touched.what & FeedNote::kCleared) != 0)
                 writer(touched.id).retire_older(context_);
@@ -473,7 +473,7 @@ private:
         }
         for (const Touched& touched : scratch_.touched) {
             if ((touched.what & FeedNote::kMade) != 0)
-                unmake(touched.id);
+                undo_frame(touched.id);
         }
     }
     void take_back(const Touched& touched) {
@@ -484,7 +484,7 @@ private:
             edge.set_depth_hint(history::Topology::depth(frames_.topology(parent)) + 1);
         frames_.refresh_hint(touched.id);
     }
-    void unmake(FrameId id) {
+    void undo_frame(FrameId id) {
         const Offset name = frames_.word(id, history::kName).load_relaxed();
         names_.erase(id);
         frames_.seal(id);

@@ -43,7 +43,7 @@ private:
 
     void take_back(FrameId id) {
         if (frames_.born(id) > context_.committed) {
-            unmake(id);
+            clear_slot(id);
             retired_.push_back({0, id});
             return;
         }
@@ -63,7 +63,7 @@ private:
     }
 
     /// Clears a frame that no state shows, or a slot without a frame.
-    void unmake(FrameId id) {
+    void clear_slot(FrameId id) {
         if (frames_.born(id) != kMaxCommit)
             frames_.seal(id);
         if (load(id, history::kName) != 0) {

@@ -63,7 +63,7 @@ private:
 }
 
 /// Whether a TFMessage can hold the stamp: its seconds have 31 bits.
-[[nodiscard]] bool is_sayable(const TransformView& view) {
+[[nodiscard]] bool is_representable(const TransformView& view) {
     constexpr clock::StampNs kMost = clock::StampNs{std::numeric_limits<std::int32_t>::max()};
     return view.stamp >= 0 && view.stamp / clock::kNanosPerSecond <= kMost;
 }
@@ -158,7 +158,7 @@ private:
     /// Adds a sample to its message; false: no message can hold it.
     [[nodiscard]] bool say(const Edge& edge, const Row& row) {
         const TransformView view = view_of(frames_, edge, row);
-        if (!is_sayable(view))
+        if (!is_representable(view))
             return false;
         (edge.is_static ? fixed_ : moving_).push_back(view);
         return true;

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from tfdb import Transform
-    from tfdb._core import Reads
+    from tfdb._core import StoreReader
     from tfdb.ros import Node, Publisher
 
     from .graph import Live
@@ -163,7 +163,7 @@ class Told:
     angle: float
     as_json: bool
 
-    def look(self, store: Reads, pair: Pair, stamp: int | None) -> Transform | None:
+    def look(self, store: StoreReader, pair: Pair, stamp: int | None) -> Transform | None:
         """Return where a pair is, and tell of it, if it has moved."""
         try:
             found = store.lookup_transform(pair.target, pair.source, stamp)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
     from tfdb import Buffer, Snapshot
-    from tfdb._core import Reads
+    from tfdb._core import StoreReader
     from tfdb.data.loss import Loss
     from tfdb.data.types import Progress
     from tfdb.recordings.arrivals import ArrivalReader
@@ -310,7 +310,7 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def find_frames(store: Reads, *names: str) -> tuple[str, ...]:
+def find_frames(store: StoreReader, *names: str) -> tuple[str, ...]:
     """Return the names as the recording has them; refuse others, and say which are near.
 
     A name may begin with the slash that messages may have, and loading drops.
@@ -331,7 +331,7 @@ def _find_frame(name: str, known: Sequence[str]) -> str:
     raise tfdb.UnknownFrame(message, frame=name)
 
 
-def explain_range(store: Reads, target: str, source: str) -> str:
+def explain_range(store: StoreReader, target: str, source: str) -> str:
     """Say where the two frames have data in common; empty when nothing moves between them."""
     common = common_range(store, target, source)
     if common is None:
@@ -344,7 +344,7 @@ def explain_range(store: Reads, target: str, source: str) -> str:
     return f"{text} ({dates})" if dates else text
 
 
-def common_range(store: Reads, target: str, source: str) -> tuple[int, int] | None:
+def common_range(store: StoreReader, target: str, source: str) -> tuple[int, int] | None:
     """Find the first and last stamp at which all moving edges between two frames have data."""
     forest = Forest(store.tree())
     ours, theirs = forest.chain(target), forest.chain(source)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from tfdb import Transform
-    from tfdb._core import Reads
+    from tfdb._core import StoreReader
 
 
 @click.command("echo", cls=SuggestingCommand)
@@ -158,7 +158,7 @@ class Question:
         self.time = TimeSpec(self.time.text, stamp)
         return self
 
-    def ask(self, store: Reads, now: int) -> Transform | tfdb.TfdbError:
+    def ask(self, store: StoreReader, now: int) -> Transform | tfdb.TfdbError:
         """Print the answer, or why it is missing."""
         stamp = self.time.ns if self.offset is None else max(now + self.offset, 0)
         try:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.text import Text
 
-    from tfdb._core import Reads
+    from tfdb._core import StoreReader
     from tfdb.judging.events import Event
     from tfdb.judging.judge import Rows
     from tfdb.recordings.arrivals import RecordedArrivals
@@ -129,7 +129,7 @@ class Watch:
 
     def __init__(
         self,
-        store: Reads,
+        store: StoreReader,
         chain: tuple[str, str] | None,
         *,
         began: int,
@@ -163,7 +163,7 @@ class Watch:
         if self.judges:
             self.judge.feed(rows)
 
-    def look_at_chain(self, store: Reads, now: int) -> None:
+    def look_at_chain(self, store: StoreReader, now: int) -> None:
         """Look up the chain, and count its delay."""
         if self._chain is None:
             return

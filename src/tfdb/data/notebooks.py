@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from tfdb._core import Reads, Transform
+    from tfdb._core import StoreReader, Transform
 
 __all__: list[str] = []
 
@@ -45,7 +45,7 @@ MOST_ROWS = 60
 """A table of more frames is cut."""
 
 
-def of_store(reads: Reads) -> str:
+def of_store(reads: StoreReader) -> str:
     """Show the frames of a store, as they are in its newest tree."""
     caption = repr(reads)
     try:

@@ -175,7 +175,7 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
 
 def _receivers(owner: str, method: str) -> str:
     """Name the classes that have a method, in words."""
-    if owner in ("Freezable", "Reads", "SharedReads"):
+    if owner in ("Freezable", "StoreReader", "SharedReads"):
         shared = hasattr(Transaction, method)
         return "a Buffer, a Snapshot or a Transaction" if shared else "a Buffer or a Snapshot"
     return "an object" if owner.startswith("_") else f"a {owner}"

@@ -19,7 +19,7 @@ from .judge import Judge, Rows
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tfdb._core import Buffer, Clock, Reads
+    from tfdb._core import Buffer, Clock, StoreReader
     from tfdb.streams.rows import Rows as StreamRows
     from tfdb.streams.rows import Stretch
 
@@ -35,7 +35,7 @@ _LONGEST_REST = 0.05
 """Seconds: the feed of a busy store holds more."""
 
 
-def stored_arrivals(state: Reads) -> Arrivals:
+def stored_arrivals(state: StoreReader) -> Arrivals:
     """Treat stored samples as if each arrived at its stamp."""
     log, known = Log(), False
     for info in state.tree():
@@ -60,7 +60,7 @@ def numbered(judge: Judge, rows: StreamRows, arrival: int) -> Rows:
     )
 
 
-def held_rows(judge: Judge, state: Reads, arrival: int) -> Rows:
+def held_rows(judge: Judge, state: StoreReader, arrival: int) -> Rows:
     """Return the newest sample of each edge of a state, as if it arrived now."""
     infos = [each for each in state.tree() if each.parent is not None and each.samples]
     count = len(infos)
@@ -74,7 +74,7 @@ def held_rows(judge: Judge, state: Reads, arrival: int) -> Rows:
     )
 
 
-def judge_state(judge: Judge, state: Reads, arrival: int) -> list[Event]:
+def judge_state(judge: Judge, state: StoreReader, arrival: int) -> list[Event]:
     """Judge the newest sample of each edge, where commits before it went by unseen."""
     judge.forget({child for _, child in judge.edges})
     return judge.feed_held(held_rows(judge, state, arrival))

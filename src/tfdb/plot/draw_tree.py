@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from tfdb._core import Reads
+    from tfdb._core import StoreReader
     from tfdb.data.types import FrameInfo
 
 # All in points (1/72 inch): the axes cover the figure and count in points, so text fits by measure.
@@ -51,7 +51,7 @@ class _Node:
 
 
 def frame_tree(
-    frames: Reads | Iterable[FrameInfo], *, title: str | None = None, rows: int | None = 100
+    frames: StoreReader | Iterable[FrameInfo], *, title: str | None = None, rows: int | None = 100
 ) -> Figure:
     """Draw all frames, each in a row under its parent, moving edges in colour with their rate.
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from tfdb._core import Buffer, Reads, Snapshot
+    from tfdb._core import Buffer, StoreReader, Snapshot
 
     from .recording import PathLike
 
@@ -150,7 +150,7 @@ def _integer_stamp(transform: TransformStamped) -> int:
         raise InvalidStamp(message, value=transform.stamp) from None
 
 
-def _static_transforms(store: Reads) -> dict[str, list[TransformStamped]]:
+def _static_transforms(store: StoreReader) -> dict[str, list[TransformStamped]]:
     """The static edges by authority."""
     found: dict[str, list[TransformStamped]] = {}
     refuse_without(store, "store", "a Buffer or Snapshot", "tree", "samples")
@@ -165,7 +165,7 @@ def _static_transforms(store: Reads) -> dict[str, list[TransformStamped]]:
 class _Samples:
     """All moving samples of a store as columns."""
 
-    def __init__(self, store: Reads) -> None:
+    def __init__(self, store: StoreReader) -> None:
         infos = [info for info in store.tree() if info.oldest is not None]
         columns = [store.samples(info.name) for info in infos]
         self._children = [info.name for info in infos]

@@ -27,7 +27,7 @@ from .summary import clocks, describe_clocks
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tfdb._core import Policy, Reads, Snapshot, Transform
+    from tfdb._core import Policy, StoreReader, Snapshot, Transform
     from tfdb.data.stamps import StampLike
     from tfdb.data.types import FrameInfo
 
@@ -80,7 +80,7 @@ class Explanation:
 
 
 def explain_lookup(
-    self: Reads,
+    self: StoreReader,
     target: str,
     source: str,
     stamp: StampLike | None,
@@ -92,7 +92,7 @@ def explain_lookup(
     )
 
 
-def from_one_state(reads: Reads, read: Callable[[Snapshot], T]) -> T:
+def from_one_state(reads: StoreReader, read: Callable[[Snapshot], T]) -> T:
     """Read several times from one state: a snapshot, or the newest state of a buffer."""
     if not isinstance(reads, Buffer):
         return read(cast("Snapshot", reads))

@@ -12,7 +12,7 @@ from tfdb.data.stamps import format_seconds
 from .explain import from_one_state
 
 if TYPE_CHECKING:
-    from tfdb._core import Reads, Snapshot
+    from tfdb._core import StoreReader, Snapshot
     from tfdb.data.stamps import StampLike
 
 __all__: list[str] = []
@@ -20,7 +20,7 @@ __all__: list[str] = []
 Parents = dict[str, str | None]
 
 
-def children(reads: Reads, name: str, stamp: StampLike | None) -> list[str]:
+def children(reads: StoreReader, name: str, stamp: StampLike | None) -> list[str]:
     """Do what `Buffer.children` says."""
 
     def read(snapshot: Snapshot) -> list[str]:
@@ -30,7 +30,7 @@ def children(reads: Reads, name: str, stamp: StampLike | None) -> list[str]:
     return from_one_state(reads, read)
 
 
-def descendants(reads: Reads, name: str, stamp: StampLike | None) -> list[str]:
+def descendants(reads: StoreReader, name: str, stamp: StampLike | None) -> list[str]:
     """Do what `Buffer.descendants` says."""
 
     def read(snapshot: Snapshot) -> list[str]:
@@ -50,7 +50,7 @@ def descendants(reads: Reads, name: str, stamp: StampLike | None) -> list[str]:
     return from_one_state(reads, read)
 
 
-def path(reads: Reads, target: str, source: str, stamp: StampLike | None) -> list[str]:
+def path(reads: StoreReader, target: str, source: str, stamp: StampLike | None) -> list[str]:
     """Do what `Buffer.path` says."""
 
     def read(snapshot: Snapshot) -> list[str]:

@@ -14,7 +14,7 @@ from tfdb.data.new_file import new_file, temporary_folder
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tfdb._core import Buffer, Reads
+    from tfdb._core import Buffer, StoreReader
 
 __all__ = [
     "MAGIC",
@@ -35,9 +35,9 @@ PICKLED = "pickled"
 
 
 def freeze_into(
-    reads: Reads, path: str | os.PathLike[str], *, overwrite: bool, origin: str = ""
+    reads: StoreReader, path: str | os.PathLike[str], *, overwrite: bool, origin: str = ""
 ) -> None:
-    """Do what `Reads.freeze` says; `origin` is what `Buffer.frozen` will say of it."""
+    """Do what `StoreReader.freeze` says; `origin` is what `Buffer.frozen` will say of it."""
     with new_file(path, overwrite=overwrite) as made:
         try:
             freeze_store(reads, made, origin)

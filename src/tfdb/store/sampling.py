@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from tfdb._core import Policy, Reads, Snapshot
+    from tfdb._core import Policy, StoreReader, Snapshot
     from tfdb.data.stamps import StampLike
 
     Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
@@ -31,7 +31,7 @@ _MISSING: tuple[Any, ...] = ("raise", "nan", "skip")
 
 
 def sample(
-    self: Reads,
+    self: StoreReader,
     target: str,
     source: str,
     rate: float | None,
@@ -64,7 +64,7 @@ def sample(
 
 
 def sample_at(
-    self: Reads,
+    self: StoreReader,
     target: str,
     source: str,
     stamps: npt.NDArray[np.int64],

@@ -88,7 +88,7 @@ class _Teller:
         # Held by the thread that takes ended waits. A writer holds it over its commit and takes
         # the waits that the commit ended. Callbacks run without the lock.
         self.taking: AbstractContextManager[bool] = threading.RLock()
-        buffer._set_told(told=True)
+        buffer._set_waits_begun(begun=True)
         threading.Thread(target=self.run, name="tfdb waits", daemon=True).start()
 
     def run(self) -> None:
@@ -104,7 +104,7 @@ class _Teller:
                     self.buffer._cancel_wait(number)
             with _lock:
                 if not ended and not self.waits:
-                    self.buffer._set_told(told=False)
+                    self.buffer._set_waits_begun(begun=False)
                     del _tellers[id(self.buffer)]
                     return
             self.tell(ended)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from tfdb._core import Reads
+    from tfdb._core import StoreReader
 
 
 class Gap(NamedTuple):
@@ -30,7 +30,9 @@ class TwoTrees:
     """No path joins the frames, as far as tf2 looks."""
 
 
-def lookup_failure(reads: Reads, target: str, source: str, stamp: int) -> Gap | TwoTrees | None:
+def lookup_failure(
+    reads: StoreReader, target: str, source: str, stamp: int
+) -> Gap | TwoTrees | None:
     """Why T[target<-source] at a stamp has no answer, where both frames exist; None: tf2 has one.
 
     Stamp 0 is the latest common time.
