@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from tfdb._core import Buffer, StoreReader, Snapshot
+    from tfdb._core import Buffer, Snapshot, StoreReader
 
     from .recording import PathLike
 

@@ -27,7 +27,7 @@ from .summary import clocks, describe_clocks
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tfdb._core import Policy, StoreReader, Snapshot, Transform
+    from tfdb._core import Policy, Snapshot, StoreReader, Transform
     from tfdb.data.stamps import StampLike
     from tfdb.data.types import FrameInfo
 

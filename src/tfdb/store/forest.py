@@ -12,7 +12,7 @@ from tfdb.data.stamps import format_seconds
 from .explain import from_one_state
 
 if TYPE_CHECKING:
-    from tfdb._core import StoreReader, Snapshot
+    from tfdb._core import Snapshot, StoreReader
     from tfdb.data.stamps import StampLike
 
 __all__: list[str] = []

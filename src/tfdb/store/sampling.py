@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from tfdb._core import Policy, StoreReader, Snapshot
+    from tfdb._core import Policy, Snapshot, StoreReader
     from tfdb.data.stamps import StampLike
 
     Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
