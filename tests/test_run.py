@@ -439,6 +439,8 @@ def test_run_tries_again_if_the_function_caught_the_conflict(goes_on: str) -> No
     calls: list[float] = []
 
     def younger(tx: tfdb.Transaction) -> float:
+        if calls:
+            thread.join()  # else it may read, and commit, before the older one goes on
         calls.append(tx.lookup_transform("map", "base", 20).translation[0])
         has_read.set()
         while len(calls) == 1:

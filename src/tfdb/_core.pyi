@@ -2297,6 +2297,11 @@ def poses_of_matrices(matrices: numpy.typing.ArrayLike, missing: bool = False) -
     Poses (N, 7) of matrices (N, 4, 4), w not below 0; NaN of those that are NaN as a whole, if they may be missing. Raises InvalidArray, InvalidTransform with `index`.
     """
 
+def keep_thread_state() -> None:
+    """
+    Make later calls from this thread cheaper, if another library started it.
+    """
+
 def adopt_classes(buffer: type[Buffer], snapshot: type[Snapshot], transaction: type[Transaction]) -> None:
     """Make objects of these subclasses of the native classes from now on."""
 

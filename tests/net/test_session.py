@@ -359,16 +359,37 @@ def test_endpoints_that_are_valid() -> None:
 
 def test_a_process_ends_that_closes_nothing() -> None:
     code = """
-import sys, tfdb
+import sys, threading, time, tfdb
 session = tfdb.net.Session(listen=sys.argv[1])
-home = tfdb.net.publish(tfdb.Buffer(), "robot1", session=session)
-mirror = tfdb.net.mirror("robot1", into=tfdb.Buffer(), session=session)
-mirror.wait_until_live(10)
-print(mirror.state)
+source = tfdb.Buffer()
+homes = [tfdb.net.publish(source, f"robot{i}", session=session) for i in range(10)]
+mirrors = [tfdb.net.mirror(each.name, into=tfdb.Buffer(), session=session) for each in homes]
+for mirror in mirrors:
+    mirror.wait_until_live(10)
+def write():
+    while True:
+        source.set_transform("map", "base", source.commit, (1, 2, 3), (0, 0, 0, 1))
+        time.sleep(0.001)
+threading.Thread(target=write, daemon=True).start()
+while mirrors[0].stats.commits < 10:
+    pass
+print("end")
 """
     command = [sys.executable, "-c", code, free_endpoint()]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LONGEST)
-    assert (done.stdout, done.stderr) == ("live\n", "")
+    assert (done.stdout, done.stderr) == ("end\n", "")
+
+
+def test_a_mirror_has_one_thread() -> None:
+    with tfdb.net.Session(listen=free_endpoint()) as session:
+        before = threading.active_count()
+        mirrors = [
+            tfdb.net.mirror(f"robot{i}", into=tfdb.Buffer(), session=session) for i in range(10)
+        ]
+        assert threading.active_count() == before + 10
+        for each in mirrors:
+            each.close()
+        assert threading.active_count() == before
 
 
 def test_a_forked_process_ends_and_its_parent_goes_on() -> None:

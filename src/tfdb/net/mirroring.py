@@ -83,7 +83,7 @@ class Mirror(Closable):
         self._receiver = Receiver(buffer, name, prefix, names, self._log, max_lag=max_lag)
         self._error: BaseException | None = None
         self._was_live = False
-        self._closing, self._wake = threading.Event(), threading.Event()
+        self._is_closing, self._wake = False, threading.Event()
         self._changed = threading.Condition()
         # Threads of the link append. The thread with the lock feeds the receiver.
         self._lock = threading.Lock()
@@ -124,7 +124,7 @@ class Mirror(Closable):
         """
         if self._error is not None:
             return "ended"
-        return "closed" if self._closing.is_set() else self._receiver.state  # type: ignore[return-value]
+        return "closed" if self._is_closing else self._receiver.state  # type: ignore[return-value]
 
     @property
     def silence(self) -> float | None:
@@ -246,7 +246,7 @@ class Mirror(Closable):
 
     def _check_promotion(self, *, force: bool) -> None:
         text = f"the mirror of {self._name!r} cannot be promoted: "
-        if self._closing.is_set() or self._error is not None:
+        if self._is_closing or self._error is not None:
             raise InvalidArgument(f"{text}it is {self.state}")
         if not self._is_whole:
             raise InvalidArgument(f"{text}its frames have other names than the home's")
@@ -266,7 +266,7 @@ class Mirror(Closable):
             self._owned = None
 
     def _stop(self) -> None:
-        self._closing.set()
+        self._is_closing = True
         self._wake.set()
         if self._thread is not threading.current_thread():
             self._thread.join()
@@ -322,7 +322,7 @@ class Mirror(Closable):
             self._wake.set()
 
     def _is_open(self) -> bool:
-        return self._error is None and not self._closing.is_set()
+        return self._error is None and not self._is_closing
 
     def _fail(self, error: BaseException) -> None:
         self._error = error

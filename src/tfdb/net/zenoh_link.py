@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import threading
+import time
 import weakref
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -12,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
+from tfdb._core import keep_thread_state
 from tfdb.data.errors import InvalidArgument, TfdbError
 
 from .link import CONNECT_MS, ask_key, log_key, name_of, status_key, token_of, tokens_key
@@ -31,6 +34,8 @@ _MOST_QUESTIONS = 64
 _SHARED_MEMORY = "transport/shared_memory/enabled"
 _PATIENCE = 5.0
 """Seconds for an answer."""
+_LAST_CALLS = 5.0
+"""Seconds for the calls that have begun when a session is closed."""
 
 
 def open_link(data: zenoh.Config, tokens: zenoh.Config, where: str) -> ZenohLink:
@@ -136,6 +141,8 @@ class ZenohLink:
         self._data, self._tokens = data, tokens
         self._pool = ThreadPoolExecutor(_ANSWERS, "tfdb answers")
         self._waiting = threading.Semaphore(_ANSWERS + _MOST_QUESTIONS)
+        self._handlers: set[threading.Event] = set()
+        self._calls, self._running = threading.Condition(), 0
         self._is_ending = False
         self._process = os.getpid()
         _OPEN.add(self)
@@ -147,21 +154,18 @@ class ZenohLink:
         )
 
         def put(data: bytes) -> None:
-            try:
-                publisher.put(data)
-            except zenoh.ZError:
-                if not self._is_ending:
-                    raise
+            self._call(publisher.put, data)
 
-        return put, _Declared(publisher)
+        return put, self._declared(publisher)
 
     def hear(self, name: str, take: Callable[[bytes], None]) -> Declared:
         """See `Link`."""
 
         def heard(sample: zenoh.Sample) -> None:
+            keep_thread_state()
             take(sample.payload.to_bytes())
 
-        return _Declared(self._data.declare_subscriber(log_key(name), heard))
+        return self._declared(self._data.declare_subscriber(log_key(name), self._direct(heard)))
 
     def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
         """See `Link`."""
@@ -170,17 +174,21 @@ class ZenohLink:
             if not self._waiting.acquire(blocking=False):
                 query.drop()
                 return
-            self._pool.submit(self._answer, query, answer)
+            try:
+                self._pool.submit(self._answer, query, answer)
+            except RuntimeError:  # the process ends
+                query.drop()
 
         keys = [ask_key(name, state=state) for state in (False, True)]
-        return _Declared(*(self._data.declare_queryable(key, asked) for key in keys))
+        declare = self._data.declare_queryable
+        return self._declared(*(declare(key, self._direct(asked)) for key in keys))
 
     def _answer(self, query: zenoh.Query, answer: Callable[[Question], list[bytes]]) -> None:
         try:
             found = query.parameters
             question = question_of(*(found.get(each) for each in ("since", "of", "epoch")))
             for message in answer(question):
-                query.reply(query.key_expr, message)
+                self._call(query.reply, query.key_expr, message)
         except (ValueError, zenoh.ZError):
             return  # the question is not a mirror's, or the mirror is gone
         finally:
@@ -195,9 +203,10 @@ class ZenohLink:
             if reply.ok is not None:
                 came.append(reply.ok.payload.to_bytes())
 
-        self._data.get(
+        self._call(
+            self._data.get,
             f"{ask_key(name, state=question.since is None)}?{question}",
-            zenoh.handlers.Callback(take, lambda: done(came)),
+            zenoh.handlers.Callback(take, lambda: done(came), indirect=False),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=_PATIENCE,
@@ -205,7 +214,8 @@ class ZenohLink:
 
     def announce(self, name: str, token: Token) -> Declared:
         """See `Link`."""
-        return _Declared(self._data.liveliness().declare_token(token.key(name)))
+        declare = self._data.liveliness().declare_token
+        return self._declared(self._call(declare, token.key(name)))
 
     def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
         """See `Link`."""
@@ -215,8 +225,8 @@ class ZenohLink:
             if token is not None:
                 take(token, sample.kind == zenoh.SampleKind.PUT)
 
-        key = tokens_key(name, "home")
-        return _Declared(self._tokens.liveliness().declare_subscriber(key, seen, history=True))
+        declare = self._tokens.liveliness().declare_subscriber
+        return self._declared(declare(tokens_key(name, "home"), self._direct(seen), history=True))
 
     def tokens(self, name: str) -> list[tuple[str, Token]]:
         """See `Link`."""
@@ -240,8 +250,7 @@ class ZenohLink:
                 query.reply(key, status())
             query.drop()
 
-        taken = zenoh.handlers.Callback(asked, indirect=False)  # else each has a thread
-        return _Declared(self._data.declare_queryable(key, taken))
+        return self._declared(self._data.declare_queryable(key, self._direct(asked)))
 
     def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
         """See `Link`."""
@@ -255,7 +264,7 @@ class ZenohLink:
         for role, end in zip(_ROLES, ended, strict=True):
             self._data.get(
                 status_key(name, role),
-                zenoh.handlers.Callback(take, end.set),
+                zenoh.handlers.Callback(take, end.set, indirect=False),
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -265,9 +274,38 @@ class ZenohLink:
             end.wait()
         return list(found)
 
+    def _declared(self, *parts: Declared | None) -> _Declared:
+        return _Declared(self._call, *filter(None, parts))
+
+    def _direct(self, call: Callable[[Any], None]) -> Any:
+        """Let a thread of Zenoh make the calls: else each handler has a thread of its own."""
+        ended = threading.Event()
+        self._handlers.add(ended)
+
+        def finish() -> None:
+            self._handlers.discard(ended)
+            ended.set()
+
+        return zenoh.handlers.Callback(call, finish, indirect=False)
+
+    def _call(self, call: Callable[..., Any], *values: Any, **options: Any) -> Any:
+        """Call Zenoh, but not at the end of the process: a thread that returned would abort it."""
+        with self._calls:
+            if self._is_ending:
+                return None
+            self._running += 1
+        try:
+            return call(*values, **options)
+        finally:
+            with self._calls:
+                self._running -= 1
+                self._calls.notify_all()
+
     def end(self) -> None:
         """Close it at the end of the process: homes and mirrors may still use it."""
-        self._is_ending = True
+        with self._calls:
+            self._is_ending = True
+            self._calls.wait_for(lambda: not self._running, _LAST_CALLS)
         self.close()
 
     def close(self) -> None:
@@ -275,9 +313,13 @@ class ZenohLink:
         if os.getpid() != self._process:
             return  # Zenoh's threads are not in a child of `fork`: it would wait for ever
         _OPEN.discard(self)
-        self._pool.shutdown()
         _close(self._tokens)
         _close(self._data)
+        # A thread of Zenoh that waits for the GIL when Python ends would abort the process.
+        until = time.monotonic() + _LAST_CALLS
+        for each in list(self._handlers):
+            each.wait(max(until - time.monotonic(), 0.0))
+        self._pool.shutdown()
 
 
 _OPEN: weakref.WeakSet[ZenohLink] = weakref.WeakSet()
@@ -288,8 +330,7 @@ def _close_all() -> None:
         link.end()
 
 
-# Zenoh's threads are threads of Python that a process waits for at its end, before `atexit`.
-threading._register_atexit(_close_all)  # type: ignore[attr-defined]
+atexit.register(_close_all)
 
 
 def _token(sample: zenoh.Sample) -> Token | None:
@@ -302,11 +343,11 @@ def _token(sample: zenoh.Sample) -> Token | None:
 class _Declared:
     """What was declared of Zenoh."""
 
-    def __init__(self, *parts: Declared) -> None:
-        self._parts = parts
+    def __init__(self, call: Callable[..., Any], *parts: Declared) -> None:
+        self._call, self._parts = call, parts
 
     def undeclare(self) -> None:
         """End it."""
         for each in self._parts:
             with suppress(zenoh.ZError):  # the session was closed before
-                each.undeclare()
+                self._call(each.undeclare)
