@@ -14,7 +14,7 @@ from tests.net.conftest import LONGEST, free_endpoint, memory_links, needs_zenoh
 from tests.recorder.reading import state_of
 from tests.test_changes import Writer, pose
 from tfdb.data.types import Epoch
-from tfdb.net.home import Home, publish
+from tfdb.net.home import Home, publish, publishes
 from tfdb.net.link import Token, check_network_name, name_of, status_key, token_of
 from tfdb.net.messages import in_epoch
 from tfdb.net.mirroring import Mirror, mirror
@@ -460,6 +460,16 @@ def test_a_shared_store_does_not_follow_itself(links: Links, store_name: str) ->
         assert (store.commit, store.positions()) == (1, [])
 
 
+def test_a_private_store_is_not_mirrored_into_itself(links: Links) -> None:
+    store = tfdb.Buffer()
+    with new_home(store, links()) as home:
+        with pytest.raises(tfdb.InvalidArgument, match=f"publishes this store as '{NAME}' itself"):
+            mirror(NAME, into=store)
+        assert publishes(store, NAME)
+        home.close()
+        assert not publishes(store, NAME)
+
+
 def test_the_end_of_a_mirrors_store_ends_it(links: Links) -> None:
     source, copy = tfdb.Buffer(), tfdb.Buffer()
     source.set_transform("map", "base", 10, *pose(1))
@@ -531,6 +541,8 @@ def test_wrong_arguments() -> None:
         mirror("robot1", into="robot1")  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="shared must be a str, got int"):
         mirror("robot1", into=tfdb.Buffer(), shared=("map", 5))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="shared must be a str, or several, got int"):
+        mirror("robot1", into=tfdb.Buffer(), shared=5)  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="max_delay"):
         publish(tfdb.Buffer(), "robot1", max_delay=-1)
     with pytest.raises(tfdb.errors.NotSupported, match="keeps no feed"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+import weakref
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -118,6 +119,7 @@ class Home(Closable):
             raise
         self._thread = threading.Thread(target=self._run, name=f"tfdb home {name}", daemon=True)
         self._thread.start()
+        _HOMES.add(self)
 
     @property
     def name(self) -> str:
@@ -350,6 +352,17 @@ class Home(Closable):
         with self._lock:
             self._answers += 1
         return messages
+
+
+_HOMES: weakref.WeakSet[Home] = weakref.WeakSet()
+
+
+def publishes(buffer: Buffer, name: str) -> bool:
+    """Return whether this process publishes a store under a name."""
+    return any(
+        each._buffer is buffer and each.name == name and each.state == "publishing"
+        for each in list(_HOMES)
+    )
 
 
 def publish(

@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,14 +17,13 @@ from tfdb.data.errors import InvalidArgument, InvalidName, WaitTimeout
 from tfdb.data.stamps import shown
 
 from .events import EventLog, NetEvents
-from .home import Home, check_lost_file, link_of
+from .home import Home, check_lost_file, link_of, publishes
 from .link import Token, check_network_name
 from .messages import NONE, Told, status_bytes
 from .receiving import Receiver
 from .sending import epoch_after, step_back, take_over
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from typing import Literal
 
     from tfdb.data.types import Epoch, Position
@@ -453,9 +453,14 @@ def mirror(
     name = check_network_name(name)
     prefix = _check_part("prefix", prefix, behind="x")
     max_lag = None if max_lag is None else check_count("max_lag", max_lag)
+    if not isinstance(shared, Iterable):
+        raise TypeError(f"shared must be a str, or several, got {type(shared).__name__}")
     names = [
         _check_part("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
     ]
+    if publishes(into, name):
+        text = f"this process publishes this store as {name!r} itself: mirror it into another one"
+        raise InvalidArgument(text)
     with link_of(session) as (link, owned):
         step_back(into, name, [each.epoch for _, each in link.tokens(name) if each.role == "home"])
         return Mirror(into, name, link, prefix=prefix, shared=names, max_lag=max_lag, owned=owned)
