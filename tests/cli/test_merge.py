@@ -192,7 +192,7 @@ def test_misuse_of_merge(
     out = tmp_path / "out.bag"
     assert words in tool("merge", *given, "-o", out, code=2).error
     assert not out.exists()
-    assert "ends in none of" in tool("merge", *files.values(), "-o", "x.tum", code=2).error
+    assert "must end in" in tool("merge", *files.values(), "-o", "x.tum", code=2).error
     assert "also an input" in tool("merge", *files.values(), "-o", files["a"], code=2).error
 
 

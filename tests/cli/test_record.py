@@ -90,7 +90,7 @@ def test_options(tool: Tool, tmp_path: Path, name: str) -> None:
     ("arguments", "text"),
     [
         (("no-such-store", "-o", "a.mcap"), "tfdb shm ls"),
-        (("STORE", "-o", "a.bag"), "ends in none of .mcap"),
+        (("STORE", "-o", "a.bag"), "must end in .mcap"),
         (("STORE", "-o", "taken.mcap"), "exists already"),
         (("STORE", "-o", "no/folder/a.mcap"), "no/folder"),
         (("taken.mcap", "-o", "a.mcap"), "taken.mcap is a file: give a live store or graph"),

@@ -506,7 +506,7 @@ def test_bad_buffers_and_paths(tmp_path: Path) -> None:
     nothing: Any = None
     with pytest.raises(TypeError, match="buffer is a Buffer"):
         tfdb.Recorder(nothing, tmp_path / "drive.mcap")
-    with pytest.raises(errors.RecordingError, match=r"ends in none of \.mcap"):
+    with pytest.raises(errors.RecordingError, match=r"must end in \.mcap"):
         tfdb.Recorder(tfdb.Buffer(), tmp_path / "drive.bag")
     with pytest.raises(FileNotFoundError, match="nowhere"):
         tfdb.Recorder(tfdb.Buffer(), tmp_path / "nowhere" / "drive.mcap")

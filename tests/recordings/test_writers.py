@@ -218,7 +218,7 @@ def test_streams_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_wrong_targets(store: tfdb.Buffer, tmp_path: Path) -> None:
     path = tmp_path / "a.bag"
-    with pytest.raises(tfdb.errors.RecordingError, match=r"ends in none of \.bag, \.mcap, \.db3"):
+    with pytest.raises(tfdb.errors.RecordingError, match=r"must end in \.bag, \.mcap or \.db3"):
         write_recording(tmp_path / "a.txt", store)
     with pytest.raises(tfdb.errors.RecordingError, match="holds no transform to write"):
         write_recording(path, tfdb.Buffer())

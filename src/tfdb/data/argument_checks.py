@@ -65,8 +65,7 @@ def refuse_word(name: str, value: Any, words: Collection[str], more: str = "") -
 def not_one_of(name: str, value: Any, words: Collection[str], more: str = "") -> str:
     """Word the error that `name` must be one of some words, with the nearest."""
     valid = [*map(repr, words), *([more] if more else [])]
-    listed = " or ".join([", ".join(valid[:-1]), valid[-1]] if len(valid) > 1 else valid)
-    return f"{name} must be {listed}, got {shown(value)}{_question(value, words)}"
+    return f"{name} must be {_alternatives(valid)}, got {shown(value)}{_question(value, words)}"
 
 
 def unknown_word(value: str, words: Collection[str]) -> str:
@@ -77,7 +76,11 @@ def unknown_word(value: str, words: Collection[str]) -> str:
 def unknown_ending(path: str, endings: Collection[str]) -> str:
     """Word the error for an unknown file extension, with the nearest."""
     ending = PurePath(path).suffix
-    return f"{path!r} ends in none of {', '.join(endings)}{_question(ending, endings)}"
+    return f"{path!r} must end in {_alternatives([*endings])}{_question(ending, endings)}"
+
+
+def _alternatives(words: list[str]) -> str:
+    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _question(value: Any, words: Collection[str]) -> str:

@@ -86,7 +86,9 @@ class Event:
     def __str__(self) -> str:
         """Describe the event in one line."""
         what = f"{self.kind} {self.measured}".rstrip()
-        by = f", first of {self.child}" if self.kind in CLOCKS and self.child else ""
+        by = ""
+        if self.kind in CLOCKS and self.child:
+            by = f", first on {self.parent} -> {self.child}"
         by += f" by {self.authority}" if self.child and self.authority else ""
         if self.begins:
             return f"{format_when(self.time)} {self.severity}: {self.subject}: {what}{by}"
