@@ -223,6 +223,7 @@ def test_parts_are_trajectories(path: Any) -> None:
         slice(-5, None),
         [1, 2, 7],
         np.array([1, -1]),
+        [-40, 39],
         (0, 5),
         path.translations[:, 0] > 10.0,
         [],

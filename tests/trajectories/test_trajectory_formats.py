@@ -717,6 +717,9 @@ def test_kitti_poses_are_salvaged_with_their_stamps(tmp_path: Path) -> None:
     rest = [at for at in range(COUNT) if at not in (2, 5, 8)]
     assert found.stamps.tolist() == STAMPS[rest].tolist()
     assert np.abs(found.matrices - EXPECTED[rest].matrices).max() < 1e-14
+    with pytest.warns(tfdb.TfdbWarning, match="3 skipped"):
+        report = tfdb.Buffer().load(tmp_path / "a.txt", salvage=True)
+    assert report.lost[0].bytes == sum(len(poses[at]) + 1 for at in (2, 5, 8))
     (tmp_path / "a_times.txt").write_text("\n".join(times[:8]))
     with pytest.raises(tfdb.errors.TrajectoryError, match="12 poses, but 8 stamps"):
         tfdb.Trajectory.read(tmp_path / "a.txt")
