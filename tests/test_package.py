@@ -62,7 +62,7 @@ def test_dir_lists_the_public_names_and_the_rooms() -> None:
         "tf2",
         "trajectories",
     ]
-    rooms += ["comparing", "judging", "net", "recorder", "streams", "types"]
+    rooms += ["bridge", "comparing", "judging", "net", "recorder", "streams", "types"]
     public = [name for name in dir(tfdb) if name[:2] != "__"]
     assert public == sorted({*tfdb.__all__, *rooms} - {"__version__"})
 
