@@ -149,7 +149,7 @@ def test_errors_as_json(tool: Tool, bag: Path) -> None:
         (("lookup", "f", "a", "b", "--policy", "exact:1"), "takes no limit"),
         (("poses", "f", "a", "b", "--rate", "1", "--at", "x"), "exclude each other"),
         (("poses", "f", "a", "b", "--rate", "0"), "range"),
-        (("poses", "f", "a", "b", "-o", "x.doc"), "none of .tum"),
+        (("poses", "f", "a", "b", "-o", "x.doc"), "must end in .tum"),
         (("info", "f", "--topic", ":x"), "FROM"),
         (("check", "f", "--max-gap", "long"), "write seconds"),
         (("check", "f", "--max-gap", "-1"), "'-1' is negative"),
