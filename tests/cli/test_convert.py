@@ -152,7 +152,7 @@ def test_poses_replace_nothing_unasked(tool: Tool, mcap: Path, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("out.doc",), "none of .bag"),
+        (("out.doc",), "must end in .bag"),
         (("out.tum",), "--frames TARGET SOURCE"),
         (("out.bag", "--frames", "map", "odom"), "--frames TARGET SOURCE"),
         (("out.bag", "--topic", "/none"), "/tf_static"),
