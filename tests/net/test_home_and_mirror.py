@@ -38,6 +38,13 @@ def new_home(buffer: tfdb.Buffer, link: Link, name: str = NAME, **options: Any) 
     return Home(buffer, name, link, epoch, **options)
 
 
+def copy_once(buffer: tfdb.Buffer, link: Link) -> None:
+    """Bring a store up to its home, by a mirror that then stops."""
+    mirror = Mirror(buffer, NAME, link)
+    mirror.wait_until_live(LONGEST)
+    mirror._stop()
+
+
 def wait_for(events: NetEvents, kind: str) -> Event:
     """The next event of a kind."""
     until = time.monotonic() + LONGEST
@@ -207,9 +214,7 @@ def test_a_home_hears_the_latest_of_two_later_homes(links: Links, tmp_path: Path
     source.set_transform("map", "base", 0, *pose(1))
     lost = tmp_path / "lost"
     home = new_home(source, links(), keep_lost=lost)
-    mirror = Mirror(spare, NAME, links())
-    mirror.wait_until_live(LONGEST)
-    mirror._stop()
+    copy_once(spare, links())
     source.set_transform("map", "alone", 10, *pose(2))
     # The first later home ends before it is heard.
     link = links()
@@ -248,9 +253,7 @@ def test_a_home_keeps_its_state_if_lost_commits_are_gone(links: Links, tmp_path:
     source.set_transform("map", "base", 0, *pose(1))
     lost = tmp_path / "lost"
     home = new_home(source, links(), keep_lost=lost)
-    mirror = Mirror(spare, NAME, links())
-    mirror.wait_until_live(LONGEST)
-    mirror._stop()
+    copy_once(spare, links())
     with Mirror(tfdb.Buffer(), NAME, links()) as other:
         for second in range(10, 20):
             source.set_transform("map", "base", second * 10**9, *pose(2))

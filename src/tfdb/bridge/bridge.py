@@ -47,8 +47,8 @@ class Bridge(Closable):
     buffer
         The store, also one that other processes share. It must be writable.
     node
-        A node of `tfdb.ros` that tells who sent a message: ZenohNode, DdsNode or TcprosNode. It
-        stays open.
+        A node of `tfdb.ros` that reports the sender of a message: ZenohNode, DdsNode or
+        TcprosNode. It stays open.
     origin
         Name of the graph in authorities. None: that of the node, such as `ros2+zenoh:7`. Two graphs
         with the same domain need two names, if one store has bridges to both.

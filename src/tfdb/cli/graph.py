@@ -264,7 +264,7 @@ def listening(
         if both_ways:
             from tfdb.bridge import Bridge  # noqa: PLC0415 - for one command
 
-            theirs: Any = node  # it tells who sent a message
+            theirs: Any = node  # one that reports the sender of a message
             live.bridge = stack.enter_context(Bridge(store, theirs, origin=origin))
             live.listener = live.bridge.listener
         else:
