@@ -422,7 +422,9 @@ def test_the_thread_is_free_afterwards(buffer: tfdb.Buffer, call: Callable[[Any]
 
 
 @pytest.mark.parametrize("goes_on", ["writes", "returns"])
-def test_run_tries_again_if_the_function_caught_the_conflict(goes_on: str) -> None:
+def test_run_tries_again_if_the_function_caught_the_conflict(
+    goes_on: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     buffer = tfdb.Buffer(history=None, concurrency="2pl-wound-wait")
     buffer.set_transforms(
         [tfdb.TransformStamped("map", "base", stamp, (1, 2, 3), TURN) for stamp in (10, 30)]
@@ -439,8 +441,6 @@ def test_run_tries_again_if_the_function_caught_the_conflict(goes_on: str) -> No
     calls: list[float] = []
 
     def younger(tx: tfdb.Transaction) -> float:
-        if calls:
-            thread.join()  # else it may read, and commit, before the older one goes on
         calls.append(tx.lookup_transform("map", "base", 20).translation[0])
         has_read.set()
         while len(calls) == 1:
@@ -453,6 +453,8 @@ def test_run_tries_again_if_the_function_caught_the_conflict(goes_on: str) -> No
         return calls[-1]
 
     thread = threading.Thread(target=older)
+    # Between two attempts: the older one may have to be alone, and would wait for an open attempt.
+    monkeypatch.setattr(tfdb.store.transactions.time, "sleep", lambda seconds: thread.join())
     thread.start()
     has_begun.wait()
     try:
