@@ -212,6 +212,16 @@ def test_a_leg_that_swings_does_not_jump_there_and_back() -> None:
         assert kinds(poses, 50 * MS) == [], period
 
 
+@pytest.mark.parametrize(("back", "found"), [(0.15, ["there-and-back"]), (0.5, [])])
+def test_poses_that_return_by_half_do_not_jump_there_and_back(
+    back: float, found: list[str]
+) -> None:
+    x = np.zeros(120)
+    x[100::2] = 1 + back * np.arange(10)
+    x[101::2] = back * np.arange(1, 11)
+    assert kinds(np.array([pose(each) for each in x])) == found
+
+
 def test_nothing_at_all_has_no_findings() -> None:
     assert examine(Log()) == []
 

@@ -21,10 +21,12 @@ from tfdb.judging.expectations import (
     edge_limits,
     limits_of_authority,
 )
-from tfdb.judging.judge import Judge
+from tfdb.judging.judge import Judge, Rows
 from tfdb.judging.proposing import (
+    broken_expectations,
     judge_recording,
     propose,
+    propose_for,
     recorded_arrivals,
     rows_of,
     span_of,
@@ -179,6 +181,13 @@ def test_wrong_arguments_are_refused(wrong: dict[str, Any]) -> None:
         Expectation(**wrong)
 
 
+@pytest.mark.parametrize("name", ["", 3])
+def test_an_authority_without_a_name_is_refused(name: Any) -> None:
+    with pytest.raises(InvalidArgument, match=r"name is .*; give a name") as caught:
+        AuthorityExpectation(name, 1.0)
+    assert caught.value.value == name
+
+
 def test_objects_of_other_types_are_refused() -> None:
     with pytest.raises(TypeError, match="give Expectations"):
         Expectations([AuthorityExpectation("a", 1)])  # type: ignore[list-item]
@@ -203,6 +212,69 @@ def test_a_recording_meets_its_proposal(name: str, file: Path) -> None:
     tight = Expectation("*", base.child, base.deadline and base.deadline / 2, max_step=0.01)
     kinds = {event.kind for event in judge_recording(arrivals, Expectations([tight]))}
     assert kinds == {"deadline", "step"}
+
+
+def test_a_proposal_is_twice_the_largest_value_rounded_up() -> None:
+    judge = Judge(Expectations(), 0)
+    seconds = np.array([100, 101, 102, 104, 105])
+    poses = np.zeros((5, 7))
+    poses[:, 0] = [0, 1, 1.25, 1.25, 9]  # the last sample is late, so no motion ends there
+    angles = np.array([0, 0.75, 0.75, 0.75, 0])
+    poses[:, 3], poses[:, 6] = np.sin(angles / 2), np.cos(angles / 2)
+    rows = Rows(
+        seconds * 10**9,
+        judge.number_edges(["odom"] * 5, ["base"] * 5),
+        judge.number_authorities(["ekf"] * 5),
+        np.array([100_000, 101_000, 102_000, 104_000, 103_500]) * 10**6,
+        poses,
+        np.zeros(5, dtype=bool),
+    )
+    found = propose_for(Arrivals(Log.of_rows(rows, judge), publishers_known=True))
+    assert found.clock == "stamps"
+    assert list(found.edges) == [
+        Expectation(
+            "odom",
+            "base",
+            deadline=4.0,  # twice the percentile: 2 * 1.996 s
+            lifespan=4.1,
+            authority=["ekf"],
+            max_step=2.1,
+            max_speed=2.1,
+            max_turn=1.6,
+            max_late=1.1,
+        )
+    ]
+    assert list(found.authorities) == [AuthorityExpectation("ekf", 4.0)]
+
+
+def test_a_finding_has_the_worst_of_its_events() -> None:
+    expected = Expectations([Expectation("odom", "base", deadline=0.5, authority="ekf")])
+    judge = Judge(expected, 0)
+    seconds = np.array([0, 3, 4, 5])
+    rows = Rows(
+        seconds * 10**9,
+        judge.number_edges(["odom"] * 4, ["base"] * 4),
+        judge.number_authorities(["ekf", "ekf", "ekf", "wheels"]),
+        seconds * 10**9,
+        np.array([[0.0, 0, 0, 0, 0, 0, 1]] * 4),
+        np.zeros(4, dtype=bool),
+    )
+    events = judge.feed(rows) + judge.advance(7 * 10**9)
+    silent, foreign = broken_expectations(events)
+    text = "3 s (limit 500 ms) of odom -> base, 4 times, until the end"
+    assert (silent.kind, silent.frames, silent.message) == ("deadline", ("base",), text)
+    assert (silent.stamp, silent.count, silent.severity) == (500_000_000, 4, "warning")
+    assert silent.details == {
+        "parent": "odom",
+        "authority": "",
+        "value": 3.0,
+        "limit": 0.5,
+        "times_ns": [
+            [begin * 10**9 + 500_000_000, end * 10**9] for begin, end in ((0, 3), (3, 4), (4, 5))
+        ],
+    }
+    assert foreign.message.endswith(" of odom -> base by wheels, once")
+    assert foreign.details["times_ns"] == [[5 * 10**9, 6 * 10**9]]
 
 
 def test_a_watched_store_is_judged_until_the_end_of_the_watch() -> None:

@@ -219,6 +219,8 @@ def test_late_samples() -> None:
     assert judged(rows, 0.3, max_late=0.04) == [("late", "warning", 0.2)]
     assert judged(rows, 0.3, max_late=0.05) == []
     # Far behind, it may be a jump of the clock: reported with the next sample that is on time.
+    far = [row(9.0), row(9.1), row(9.2, 3), row(9.3), row(9.4, 3), row(9.5)]
+    assert judged(far, 9.5)[2:] == []  # one on time between two: no jump
     rows = [row(9.0), row(9.1), row(9.2, 3), row(9.3, 3), row(9.4)]
     assert judged(rows, 9.4, max_late=0.5) == [
         ("missing", "error", 1),
@@ -257,6 +259,13 @@ def test_time_that_goes_back_is_a_time_jump() -> None:
     assert (event.kind, event.value) == ("time-jump", 50.1)
     (missed,) = judge.advance(START + round(50.6 * S))
     assert (missed.kind, missed.time) == ("deadline", START + round(50.5 * S))
+
+
+@pytest.mark.parametrize(("back", "kinds"), [(S, []), (S + 1, ["time-jump"])])
+def test_time_that_goes_back_by_one_second_is_no_jump(back: int, kinds: list[str]) -> None:
+    judge = Judge(Expectations(), START)
+    judge.advance(START + 9 * S)
+    assert [event.kind for event in judge.advance(START + 9 * S - back)] == kinds
 
 
 def test_a_cleared_frame_begins_anew() -> None:

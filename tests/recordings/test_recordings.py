@@ -346,6 +346,29 @@ def test_refused_messages_are_counted(recorder: Any, messages: list[Any], tmp_pa
     assert "camera" in report.first_refusals["StaticConflict"]
 
 
+def test_the_error_of_refusals_alone_names_the_most_frequent(
+    recorder: Any, messages: list[Any], tmp_path: Path
+) -> None:
+    made = type(messages[0])
+    bad = [("odom", "base", 5, (0, 0, 0, 0, 0, 0, 2))]
+    worse = [("odom", "arm", 5, (0, 0, 0, 0, 0, 0, 2))]
+    found = [made("/tf", 1, bad), made("/tf", 2, worse), made("/tf", 3, worse), made("/tf", 4, bad)]
+    path = recorder.bag(tmp_path / "a.bag", [*found, made("/tf", 5, worse)])
+    words = "all messages were refused; 3 transforms of frame 'arm'"
+    with pytest.raises(tfdb.errors.RecordingError, match=words):
+        tfdb.load(path)
+
+
+@pytest.mark.parametrize("kind", ["bag", "folder"])
+def test_messages_since_a_time_of_reception(
+    recorder: Any, messages: list[Any], tmp_path: Path, kind: str
+) -> None:
+    with Recording(getattr(recorder, kind)(tmp_path / "a.bag", messages)) as recording:
+        found = list(recording.messages())
+        for since in (found[0][1], found[150][1], found[150][1] + 1, found[-1][1] + 1):
+            assert list(recording.messages(since=since)) == [m for m in found if m[1] >= since]
+
+
 def test_a_recording_by_itself(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
     path = recorder.bag(tmp_path / "a.bag", messages)
     with Recording(path) as recording:

@@ -26,13 +26,13 @@ class Delays:
     Stamps of another clock than that of the arrivals have none.
     """
 
-    count: int = 0
-    mean: int | None = None
+    count: int
+    mean: int | None
     """None without any."""
-    longest: int | None = None
-    gap: int = 0
+    longest: int | None
+    gap: int
     """The longest time between two stamps."""
-    nearest: int | None = None
+    nearest: int | None
     """From a stamp of any clock to its arrival: the one that is nearest to 0."""
 
 
