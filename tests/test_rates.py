@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tfdb.judging.events import ANOTHER_CLOCK, TIMELY
-from tfdb.judging.expectations import Expectations
+from tfdb.judging.expectations import AuthorityExpectation, Expectation, Expectations
 from tfdb.judging.judge import Judge, Rows
-from tfdb.judging.rates import Delays, Rates
+from tfdb.judging.rates import Delays, Frame, Rates
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,6 +113,17 @@ def test_rates_drop_old_samples() -> None:
     rates.add(rows_of(judge, [("map", "base", "other", 2**60, 0, False)]))
     ((_, of_it), (_, of_other)) = rates.of_authors()
     assert (of_it.count, of_other.count, of_other.mean) == (5, 1, None)
+
+
+def test_what_is_expected_and_has_not_come_has_no_rate() -> None:
+    edges = [Expectation("map", "base"), Expectation("map", "arm")]
+    judge = Judge(Expectations(edges, [AuthorityExpectation("ekf", 1.0)]), 0)
+    rates = Rates(judge, 0, 2)
+    assert (list(rates.of_frames()), rates.of_authors()) == ([], [])
+    rates.add(rows_of(judge, [("map", "arm", "it", 3, 7, False)]))
+    ((name, frame, delays),) = rates.of_frames()
+    assert (name, frame, delays.mean) == ("arm", Frame("map", False, ("it",)), 4)
+    assert rates.of_authors() == [("it", delays)]
 
 
 def test_sums_of_delays_do_not_overflow() -> None:

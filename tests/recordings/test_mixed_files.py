@@ -186,7 +186,15 @@ def test_every_file_that_contradicts_is_named(recorder: Recorder, tmp_path: Path
     paths = files(recorder, tmp_path, *parts)
     with pytest.raises(tfdb.errors.MixedSources, match="3 files") as caught:
         tfdb.load(paths)
-    assert list(caught.value.groups or ()) == [str(paths[at]) for at in (0, 2, 3)]
+    assert caught.value.groups == {str(paths[at]): ("/tf",) for at in (0, 2, 3)}
+
+
+def test_the_topics_of_a_file_are_sorted(recorder: Recorder, tmp_path: Path) -> None:
+    both = [[*driven("/tf", x=x), *fixed("/tf_static", x)] for x in (1, 2)]
+    paths = files(recorder, tmp_path, *both)
+    with pytest.raises(tfdb.errors.MixedSources) as caught:
+        tfdb.load(paths)
+    assert caught.value.groups == {str(path): ("/tf", "/tf_static") for path in paths}
 
 
 def test_excluded_samples_do_not_contradict(recorder: Recorder, tmp_path: Path) -> None:

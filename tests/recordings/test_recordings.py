@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -258,6 +259,18 @@ def test_metadata_that_does_not_fit_the_files(
     text = (path / "metadata.yaml").read_text()
     assert "message_count: 600" in text
     (path / "metadata.yaml").write_text(text.replace("message_count: 600", "message_count: 590"))
+    assert tfdb.load(path).commit == len(messages)
+
+
+@pytest.mark.parametrize("key", ["starting_time", "duration"])
+def test_metadata_without_a_time(
+    recorder: Any, messages: list[Any], tmp_path: Path, key: str
+) -> None:
+    path = recorder.folder(tmp_path / "a", messages, "sqlite3")
+    text = (path / "metadata.yaml").read_text()
+    cut = re.sub(rf"\n  {key}:\n    nanoseconds\w*: \d+", "", text, count=1)
+    assert len(cut) < len(text)
+    (path / "metadata.yaml").write_text(cut)
     assert tfdb.load(path).commit == len(messages)
 
 

@@ -113,6 +113,24 @@ def contents(data: bytes, encoding: str) -> list[str]:
     return list(map(repr, _core.decode_members(data, encoding, static=True, authority="")))
 
 
+@pytest.mark.parametrize("by_time", [False, True])
+def test_progress_counts_each_message_once(tmp_path: Path, by_time: bool) -> None:
+    """Also those that cannot be written, and those without a wanted transform."""
+    seen: list[tuple[int, int]] = []
+    path, options = record(tmp_path / "in.mcap", 3), {"start": 22 * S, "end": 25 * S}
+    with opened(path, options) as recordings, RecordingWriter(tmp_path / "out.mcap") as writer:
+        rewriters = [recordings.rewriter()]
+        with pytest.warns(tfdb.TfdbWarning, match="CorruptMessage"):
+            found = rewrite(
+                recordings, rewriters, writer, lambda *step: seen.append(step), by_time=by_time
+            )
+        count = recordings.count
+    assert found.skipped
+    assert found.left_out
+    assert seen == sorted(seen)
+    assert seen[-1] == (count, count)
+
+
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 @pytest.mark.parametrize("to", ["bag", "mcap"])
 @pytest.mark.parametrize("kind", ["bag", "mcap", "db3"])
