@@ -22,8 +22,12 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 import tfdb
+from tfdb.recordings import RecordingWriter
 from tfdb.recordings.containers import Source
+from tfdb.recordings.open_recordings import open_recordings
 from tfdb.recordings.pose_messages import decode_joint_state, decode_poses
+from tfdb.recordings.rewriting import rewrite
+from tfdb.recordings.selection import Selection
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -499,6 +503,19 @@ def test_joint_states(ros: Messages, tmp_path: Path) -> None:
     part = tfdb.load(path, urdf=model, frames={"foot", "slide"}, keep=1, prefix="a/")
     assert part.frames() == ["a/foot", "a/slide", "a/upper"]
     assert part.samples("a/upper")[0].tolist() == [2 * S, 3 * S]
+
+
+def test_progress_of_a_rewriting_counts_the_fixed_joints(ros: Messages, tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    chosen = Selection(urdf=tfdb.robots.parse_urdf(URDF))
+    with (
+        open_recordings(joint_run(ros, tmp_path), chosen) as recordings,
+        RecordingWriter(tmp_path / "out.mcap") as writer,
+    ):
+        rewriters = [recordings.rewriter()]
+        rewrite(recordings, rewriters, writer, lambda *step: seen.append(step))
+        count = recordings.count + 1
+    assert seen[-1] == (count, count)
 
 
 def test_joint_states_of_two_files_may_not_contradict(ros: Messages, tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_progress_counts_each_message_once(tmp_path: Path, by_time: bool) -> Non
     path, options = record(tmp_path / "in.mcap", 3), {"start": 22 * S, "end": 25 * S}
     with opened(path, options) as recordings, RecordingWriter(tmp_path / "out.mcap") as writer:
         rewriters = [recordings.rewriter()]
-        with pytest.warns(tfdb.TfdbWarning, match="CorruptMessage"):
+        with pytest.warns(tfdb.TfdbWarning):
             found = rewrite(
                 recordings, rewriters, writer, lambda *step: seen.append(step), by_time=by_time
             )
