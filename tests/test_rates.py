@@ -115,7 +115,7 @@ def test_rates_drop_old_samples() -> None:
     assert (of_it.count, of_other.count, of_other.mean) == (5, 1, None)
 
 
-def test_what_is_expected_and_has_not_come_has_no_rate() -> None:
+def test_expected_edges_without_samples_have_no_rate() -> None:
     edges = [Expectation("map", "base"), Expectation("map", "arm")]
     judge = Judge(Expectations(edges, [AuthorityExpectation("ekf", 1.0)]), 0)
     rates = Rates(judge, 0, 2)
