@@ -418,8 +418,13 @@ and its samples are dropped.)");
              R"(Remove a frame, or several, with their edges in one commit, all or none.
 
 Their order does not matter: a frame may go together with all its children. With `recursive` all
-frames below them go as well. Returns the commit's number, the current one without names. Raises
-UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`.)");
+frames below them go as well. Returns the commit's number, the current one without names.
+
+A frame of a mirrored store (`apply`) stays, and so does all below it. It loses the parent that a
+local writer stored; without one, ReadOnly is raised.
+
+Raises UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`,
+and ReadOnly.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> int"),
              R"(Drop all moving samples in one commit; frames and static edges stay.
 

@@ -99,8 +99,9 @@ void warn_of_replaced(BufferObject& self, const std::vector<std::string>& frames
         if (!self.warned.is_new(ErrorCode::kCycle, frame))
             continue;
         const nb::object text =
-            escaped("frame '" + frame + "' has the parent that source '" + std::string(source) +
-                    "' gives it: it replaces the one that was stored here");
+            escaped("frame '" + frame + "' lost the parent that was stored here: source '" +
+                    std::string(source) +
+                    "' stores another parent, or made the frame an ancestor of that one");
         const nb::object kind = nb::module_::import_("tfdb.data.errors").attr("TfdbWarning");
         if (PyErr_WarnFormat(kind.ptr(), 1, "%U", text.ptr()) != 0)
             throw nb::python_error();
@@ -165,7 +166,7 @@ nb::object hand_over(BufferObject& self, nb::handle source, nb::handle how, nb::
         const LongWork work(true);
         done = self.open_store().hand_over(handover, to, expected);
     }
-    return done ? nb::object(nb::make_tuple(done->commit, done->is_whole)) : nb::none();
+    return done ? nb::object(nb::make_tuple(done->commit, done->is_whole, done->last)) : nb::none();
 }
 
 nb::list positions(BufferObject& self) {
@@ -316,14 +317,15 @@ In the order in which the sources came first. A frozen store has none.)");
              nb::sig("def _hand_over(self, source: str, how: "
                      "typing.Literal['follow', 'release', 'adopt'], epoch: tfdb.types.Epoch, "
                      "commit: int = 0, from_: tfdb.types.Position | None = None) "
-                     "-> tuple[int, bool] | None"),
+                     "-> tuple[int, bool, int] | None"),
              R"(Set the position of a source, in one commit, since its home is another one.
 
 `follow`: the new home goes on exactly at the position. `release`: this store is the home now, and its
 writers may write. `adopt`: it was the home, and what they stored is the source's from now on.
 `from_`: where the position must be; then `adopt` is for a store that was made the home there, and
-`follow` for one that was not. Returns the commit, and whether the store had what the source has, and
-nothing else. Returns None, and changes nothing, if the position is elsewhere.)");
+`follow` for one that was not. Returns the commit, whether the store was equal to the source before,
+and the source's commit then. Returns None, and changes nothing, if the position is elsewhere, or
+`adopt` names an earlier epoch than the position.)");
     type.def_prop_ro(
         "epoch", [](BufferObject& self) { return epoch_record(self.open_store().epoch()); },
         nb::sig("def epoch(self) -> tfdb.types.Epoch"),

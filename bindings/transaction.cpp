@@ -572,7 +572,8 @@ in `set_transform`. `partial` is missing: write one by one, and catch the errors
                      "recursive: bool = False) -> None"),
              R"(Remove a frame, or several, at the commit.
 
-Arguments and errors as in `Buffer.remove_frames`.)");
+Arguments and errors as in `Buffer.remove_frames`. The commit raises ReadOnly for every frame of a
+mirrored store.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> None"),
              R"(Drop all moving samples at the commit; frames and static transforms stay.
 

@@ -220,7 +220,7 @@ def markers() -> list[tuple[str, str]]:
     """Return what every page must have markers for."""
     return [
         *((page, "about") for page in PAGES),
-        *((pages.BENCHMARKS, name) for name in ("goals", "rows")),
+        *((pages.BENCHMARKS, name) for name in ("felt", "goals", "rows")),
         *((pages.EVALUATION, name) for name in ("goals", "claims", "losses")),
         *((pages.SWEPT, name) for name in ("prediction", *(f"sweep {name}" for name in KEPT))),
     ]

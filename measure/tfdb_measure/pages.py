@@ -47,6 +47,7 @@ def parts(results: Results, about: Mapping[str, str]) -> dict[str, dict[str, lis
     }
     ours, engines = goals.judge(goals.ROWS, results), goals.judge(goals.ENGINES, results)
     if any(verdict.figures for verdict in ours):
+        made[BENCHMARKS]["felt"] = list(goals.felt(results))
         made[BENCHMARKS]["goals"] = list(goals.table(ours))
         made[BENCHMARKS]["rows"] = list(_rows(results))
     if any(verdict.figures for verdict in engines):

@@ -57,6 +57,7 @@ MANY_FRAMES = 2_000  # looked up in one call
 LIVE_CHAIN, MESSAGES = 10, 500.0
 FLEETS = 20, 100
 """How many homes one process mirrors."""
+MANY_HOMES = 1_000
 READERS, LOOKUPS = 16, 100.0  # lookups of each per second
 # What is published on /tf: edges of a message, messages per second.
 STREAMS = ((10, 500.0), (100, 50.0))
@@ -401,6 +402,9 @@ def sharing(results: Results, effort: Effort) -> None:
     _many_readers(results, effort, interpreters)
     _mirrored(results, effort, interpreters["tfdb"])
     _mirrored_fleet(results, effort, interpreters["tfdb"])
+    _flooded(results, effort, interpreters["tfdb"])
+    _late(results, effort, interpreters["tfdb"])
+    _sent(results, effort, interpreters["tfdb"])
 
 
 def _mirrored_fleet(results: Results, effort: Effort, interpreter: Path) -> None:
@@ -429,6 +433,90 @@ def _mirrored_fleet(results: Results, effort: Effort, interpreter: Path) -> None
     _add(results, "sharing", f"CPU of a process {row}", 0, "%", used)
     _add(results, "sharing", f"commits per second of a process {row}", 0, "1/s", applied)
     _add(results, "sharing", f"threads of a process {row}", 0, "", threads)
+
+
+def _flooded(results: Results, effort: Effort, interpreter: Path) -> None:
+    """Measure mirrors that get messages as fast as they take them."""
+    many = effort.samples >= Effort.samples
+    commits = 100_000 if many else 2_000
+    found: Rounds = {}
+    for title, group in (("one a message", 1), ("20 a message", 20)):
+        found[title] = _flood(effort, interpreter, 1, 10, commits // group, group)
+    row = "commits of ten per second of a mirror that gets them as fast as it can"
+    _add(results, "sharing", row, 0, "1/s", found)
+    homes, edges = (MANY_HOMES, 20) if many else (5, 20)
+    found = {}
+    for title, messages, group in (
+        ("one commit a message", 40, 1),
+        ("ten commits a message", 8, 10),
+    ):
+        rates = _flood(effort, interpreter, homes, edges, messages, group)
+        found[title] = [edges * rate for rate in rates]
+    row = "transforms per second into one store from 1,000 homes of 20 edges"
+    _add(results, "sharing", row, 0, "1/s", found)
+
+
+def _flood(
+    effort: Effort, interpreter: Path, homes: int, edges: int, messages: int, group: int
+) -> list[float]:
+    """Return how many commits per second one process applied, in each round."""
+    rates: list[float] = []
+    with ExitStack() as stack:
+        sender, mirrors = _workers(stack, "tfdb_flood", interpreter, 2)
+        endpoint = _free_endpoint()
+        sender.call("publish", endpoint, homes, edges)
+        mirrors.call("mirror", endpoint, homes)
+        sender.call("fall_silent")
+        for _ in range(min(effort.rounds, 5)):
+            sender.call("prepare", messages, group)
+            sender.call("flood")
+            rates.append(mirrors.call("catch", 1 + (len(rates) + 1) * messages * group))
+            sender.call("flooded")
+        mirrors.call("leave")
+        sender.call("leave")
+    return rates
+
+
+def _late(results: Results, effort: Effort, interpreter: Path) -> None:
+    """Measure a mirror of a large store, and a session among many homes, that come late."""
+    many = effort.samples >= Effort.samples
+    frames, homes = (10_000, MANY_HOMES) if many else (100, 5)
+    joined: Rounds = {"tfdb": []}
+    found: Rounds = {"tfdb": []}
+    for times, function, *numbers in (
+        (joined, "publish_large", frames, 10),
+        (found, "publish", homes, 1),
+    ):
+        with ExitStack() as stack:
+            home, late = _workers(stack, "tfdb_flood", interpreter, 2)
+            endpoint = _free_endpoint()
+            home.call(function, endpoint, *numbers)
+            for _ in range(min(effort.rounds, 5)):
+                call = ("join", endpoint) if times is joined else ("find", endpoint, homes)
+                times["tfdb"].append(late.call(*call))
+            home.call("leave")
+    row = "a new mirror of 10,000 frames of ten samples, until it is live"
+    _add(results, "sharing", row, 0, "s", joined)
+    _add(results, "sharing", "a new session, until it knows 1,000 homes", 0, "s", found)
+
+
+def _sent(results: Results, effort: Effort, interpreter: Path) -> None:
+    """Measure a home beside a writer of another process that writes at full speed."""
+    seconds = 3.0 if effort.samples >= Effort.samples else 0.3
+    rates: Rounds = {"written": [], "sent": []}
+    name = f"measure-home-{os.getpid()}"
+    with ExitStack() as stack:
+        home, writer = _workers(stack, "tfdb_flood", interpreter, 2)
+        home.call("publish_shared", _free_endpoint(), name)
+        stack.callback(home.call, "unlink", name)
+        for _ in range(min(effort.rounds, 5)):
+            before, begin = home.call("sent"), time.perf_counter()
+            rates["written"].append(writer.call("write", name, seconds))
+            sent = home.call("sent") - before
+            rates["sent"].append(sent / (time.perf_counter() - begin))
+        home.call("leave")
+    row = "commits of ten per second of a home, beside a writer of another process"
+    _add(results, "sharing", row, 0, "1/s", rates)
 
 
 def _free_endpoint() -> str:

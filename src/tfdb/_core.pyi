@@ -825,8 +825,13 @@ class NativeBuffer(StoreReader):
         Remove a frame, or several, with their edges in one commit, all or none.
 
         Their order does not matter: a frame may go together with all its children. With `recursive` all
-        frames below them go as well. Returns the commit's number, the current one without names. Raises
-        UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`.
+        frames below them go as well. Returns the commit's number, the current one without names.
+
+        A frame of a mirrored store (`apply`) stays, and so does all below it. It loses the parent that a
+        local writer stored; without one, ReadOnly is raised.
+
+        Raises UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`,
+        and ReadOnly.
         """
 
     def clear(self) -> int:
@@ -1020,15 +1025,16 @@ class NativeBuffer(StoreReader):
         Return the newest state as bytes that the later commits of this source follow; b"" if nothing of it was applied.
         """
 
-    def _hand_over(self, source: str, how: Literal['follow', 'release', 'adopt'], epoch: tfdb.types.Epoch, commit: int = 0, from_: tfdb.types.Position | None = None) -> tuple[int, bool] | None:
+    def _hand_over(self, source: str, how: Literal['follow', 'release', 'adopt'], epoch: tfdb.types.Epoch, commit: int = 0, from_: tfdb.types.Position | None = None) -> tuple[int, bool, int] | None:
         """
         Set the position of a source, in one commit, since its home is another one.
 
         `follow`: the new home goes on exactly at the position. `release`: this store is the home now, and its
         writers may write. `adopt`: it was the home, and what they stored is the source's from now on.
         `from_`: where the position must be; then `adopt` is for a store that was made the home there, and
-        `follow` for one that was not. Returns the commit, and whether the store had what the source has, and
-        nothing else. Returns None, and changes nothing, if the position is elsewhere.
+        `follow` for one that was not. Returns the commit, whether the store was equal to the source before,
+        and the source's commit then. Returns None, and changes nothing, if the position is elsewhere, or
+        `adopt` names an earlier epoch than the position.
         """
 
     @property
@@ -1769,7 +1775,8 @@ class NativeTransaction:
         """
         Remove a frame, or several, at the commit.
 
-        Arguments and errors as in `Buffer.remove_frames`.
+        Arguments and errors as in `Buffer.remove_frames`. The commit raises ReadOnly for every frame of a
+        mirrored store.
         """
 
     def clear(self) -> None:

@@ -50,17 +50,21 @@ def test_pages_get_figures_and_commit_between_markers_only(tmp_path: Path) -> No
     for name in measure.PAGES:
         shutil.copy(DOCS / name, tmp_path)
     results = Results()
-    times = {"tf2": [600.0, 500.0, 900.0], "tfdb": [100.0, 100.0, 100.0]}
-    results.add_rounds("C++", "lookup mid, chain of 4", "ns", times)
+    times = {"tf2_ros": [6000.0, 5000.0, 9000.0], "tfdb": [100.0, 100.0, 100.0]}
+    results.add_rounds("Python", "lookup mid, chain of 4", "ns", times)
     assert pages.write(tmp_path, pages.parts(results, ABOUT), {}) == [tmp_path / "benchmarks.md"]
     text = (tmp_path / "benchmarks.md").read_text(encoding="utf-8")
     assert "A machine. Measured at commit 0123456789ab, 2026-01-02." in text
-    assert "| ≥ 4.5x | 6x | 5 to 9 | yes |" in text
-    assert "| C++ | lookup mid, chain of 4 | ns | tf2 600, tfdb 100 ns |" in text
+    assert "| ≥ 30x | 60x | 50 to 90 | yes |" in text
+    assert "| Python | lookup mid, chain of 4 | ns | tf2_ros 6,000, tfdb 100 ns |" in text
+    felt = "| a lookup in Python, through 4 edges | `tf2_ros` | 6 us | 0.1 us | 60x |"
+    assert text.partition(felt)[0].count("\n|") == 2, "what was not measured is left out"
     assert "Goals: 1;" not in text
     assert "reached: 1; missed: 0; not measured:" in text
     before = (DOCS / "benchmarks.md").read_text(encoding="utf-8")
-    assert text.partition("<!-- about")[0] == before.partition("<!-- about")[0]
+    for begin, end in (("", "<!-- felt: begin"), ("<!-- felt: end", "<!-- about")):
+        kept = [whole[whole.index(begin) :].partition(end)[0] for whole in (text, before)]
+        assert kept[0] == kept[1]
 
 
 def test_rows_of_contenders_stand_beside_those_of_engines() -> None:

@@ -319,6 +319,32 @@ def test_a_promoted_home_that_was_killed_goes_on_as_a_mirror(links: Links) -> No
             assert state_of(spare) == state_of(other)
 
 
+def test_a_second_home_of_one_promoted_store_leaves_it_writable(
+    links: Links, store_name: str
+) -> None:
+    source, spare = tfdb.Buffer(), tfdb.Buffer.open(store_name, create=True, size=1 << 25)
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, links())
+    mirror, other = Mirror(spare, NAME, links()), Mirror(tfdb.Buffer(), NAME, links())
+    for each in (mirror, other):
+        each.wait_until_live(LONGEST)
+    with mirror.promote() as promoted:
+        home.close()
+        spare.set_transform("map", "base", 10, *pose(2))
+        wait_for_commit(other, spare.commit)
+        epoch = epoch_after(promoted.epoch)
+        again = tfdb.Buffer.open(store_name)
+        with Home(again, NAME, links(), epoch, origin=take_over(again, NAME, epoch)):
+            event = wait_for(promoted.events(), "fenced")
+            assert "The later home publishes the same store, which stays writable" in event.text
+            spare.set_transform("map", "base", 20, *pose(3))
+            wait_for_commit(other, spare.commit)
+            assert state_of(other._buffer) == state_of(spare)
+            assert event.before == event.after, "nothing is lost"
+    spare.close()
+    again.close()
+
+
 def test_a_promoted_store_with_frames_of_its_own_sends_states(links: Links) -> None:
     source, spare, copy = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
     source.set_transform("map", "base", 0, *pose(1))
@@ -469,6 +495,8 @@ def test_a_private_store_is_not_mirrored_into_itself(links: Links) -> None:
         with pytest.raises(tfdb.InvalidArgument, match=f"publishes this store as '{NAME}' itself"):
             mirror(NAME, into=store)
         assert publishes(store, NAME)
+        with pytest.raises(tfdb.InvalidArgument, match=f"publishes this store as '{NAME}' already"):
+            publish(store, NAME, take_over=True)
         home.close()
         assert not publishes(store, NAME)
 
@@ -598,3 +626,28 @@ def test_tokens() -> None:
     for key in ("tfdb/1/a/log", "tfdb/1/a/@home/1", "tfdb/1/a/@home/x/" + "0" * 32, "", "/@x/1/2"):
         with pytest.raises(ValueError, match="is not"):
             token_of(key)
+
+
+def test_a_mirror_of_a_promoted_home_that_is_begun_again_loses_nothing(links: Links) -> None:
+    source, spare, other = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, links())
+    first, second = Mirror(spare, NAME, links()), Mirror(other, NAME, links())
+    for each in (first, second):
+        each.wait_until_live(LONGEST)
+    with first.promote() as promoted:
+        home.close()
+        spare.set_transform("map", "base", 10, *pose(2))
+        wait_for_commit(second, spare.commit)
+        epoch = epoch_after(promoted.epoch)
+    origin = take_over(spare, NAME, epoch)
+    assert origin[:2] == (promoted.epoch, spare.commit - 1)
+    with Home(spare, NAME, links(), epoch, origin=origin):
+        spare.set_transform("map", "base", 20, *pose(3))
+        wait_for_commit(second, spare.commit)
+        assert second.stats.states == 1, "the first one"
+        assert second.position is not None
+        assert second.position.epoch == epoch
+        assert state_of(other) == state_of(spare)
+    second._stop()
+    assert "rewound" not in [each.kind for each in second.events()]

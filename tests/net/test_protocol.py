@@ -381,8 +381,8 @@ def test_two_homes_answer_and_the_later_one_counts(home: Sender) -> None:
 
 
 def test_a_state_that_cannot_be_stored_is_refused_until_it_can(home: Sender) -> None:
-    into = tfdb.Buffer()
-    into.set_static_transform("frame0", "map", *pose(1))
+    into = tfdb.Buffer(max_frames=len(home._buffer.frames()))
+    into.set_static_transform("a", "b", *pose(1))
     receiver = new_mirror(into)
     receiver.take(home.head(), 0.0)
     answered(receiver, home, 0.0)
@@ -390,7 +390,7 @@ def test_a_state_that_cannot_be_stored_is_refused_until_it_can(home: Sender) -> 
     answered(receiver, home, 5.0)
     assert receiver.refused == 2
     assert kinds(receiver) == ["catching up", "refused"], "each cause is told once"
-    into.remove_frames("map")
+    into.remove_frames(["a", "b"])
     answered(receiver, home, 10.0)
     assert receiver.state == "live"
 

@@ -70,6 +70,7 @@ public:
             const bool shared = std::find(options.shared.begin(), options.shared.end(), name) !=
                                 options.shared.end();
             names_.push_back(shared ? std::string(name) : std::string(options.prefix).append(name));
+            is_shared_.push_back(shared);
             const std::string& here = names_.back();
             const char* fault = name_fault(here);
             if (fault == nullptr && !is_text(here))
@@ -122,6 +123,7 @@ public:
         cleared_.clear();
         removed_.clear();
         written_.clear();
+        found_.clear();
         removed_parent_ = kNoFrame;
         may_be_in_use_ = false;
         const bool is_state = sample_.kind == CommitSample::Kind::kState;
@@ -147,11 +149,15 @@ public:
                 set_late(edge);
         }
         check_removed();
-        check_cycles();
-        made.publish([&] { store_.positions.set(record_, sample_.epoch, until, choice_); });
+        break_cycles();
+        made.publish([&] {
+            store_.positions.set(record_, sample_.epoch, until, choice_);
+            for (const FrameId id : found_)
+                own(id);
+        });
         commit_ = nullptr;
     }
-    /// Frames whose local parents were replaced.
+    /// Frames that lost the parents that other writers had stored.
     [[nodiscard]] std::vector<std::string> take_replaced() { return std::move(replaced_); }
 
 private:
@@ -202,9 +208,17 @@ private:
         return ids_[name];
     }
     [[nodiscard]] FrameId frame(std::uint32_t name) {
-        if (ids_[name] == kNoFrame)
-            ids_[name] = commit_->frame(names_[name]);
+        if (ids_[name] == kNoFrame) {
+            const FrameId id = ids_[name] = commit_->frame(names_[name]);
+            if (!is_shared_[name] && SourceWord::maker(source_word(id)) == 0)
+                found_.push_back(id);
+        }
         return ids_[name];
+    }
+    /// From now on only the source removes the frame, although another writer has created it.
+    void own(FrameId id) {
+        sync::Word& word = store_.frames.word(id, history::kSource);
+        word.store_relaxed(SourceWord::pack(source_, SourceWord::writer(word.load_relaxed())));
     }
     [[nodiscard]] history::EdgeWriter<StoreMemory> edge(FrameId id) const {
         return writer_to(store_, id);
@@ -215,6 +229,14 @@ private:
     /// Whether its samples are the source's.
     [[nodiscard]] bool is_written_here(FrameId id) const {
         return SourceWord::writer(source_word(id)) == source_;
+    }
+    /// The other source whose prefix the frame has, if it stored the frame's samples.
+    [[nodiscard]] std::optional<std::string> other_owner(FrameId id) const {
+        auto owner = store_.writer_of(id);
+        if (!owner || *owner == options_.source)
+            return std::nullopt;
+        const std::string prefix = store_.positions.prefix(store_.positions.find(*owner));
+        return store_.names.name(id).starts_with(prefix) ? owner : std::nullopt;
     }
 
     void clear_edge(FrameId id) {
@@ -332,8 +354,9 @@ private:
         // The source clears an edge before it changes its kind; here another writer has changed it.
         if (writer.has_samples() && !cleared_.contains(child) &&
             (!is_written_here(child) || writer.is_static() != edge.is_static)) {
-            replaced_.push_back(names_[edge.child]);
-            clear_edge(child);
+            if (const auto owner = other_owner(child))
+                throw_owned(child, *owner);
+            replace(child);
         }
         commit_->set_author(author);
         (void)commit_->touch(child);
@@ -363,7 +386,8 @@ private:
     void set_late(const CommitSample::Edge& edge) {
         const FrameId child = ids_[edge.child];
         const auto& late = store_.frames.word(child, history::kLate);
-        const bool is_ours = !sample_.rows_of(edge).empty() || edge.cleared;
+        const bool is_ours =
+            !sample_.rows_of(edge).empty() || (edge.cleared && !this->edge(child).has_samples());
         if (!is_ours || late.load_relaxed() == edge.late)
             return;
         (void)commit_->touch(child);
@@ -422,19 +446,51 @@ private:
                         "source (state_bytes)"));
         }
     }
-    void check_cycles() {
+    /// A cycle loses the least of its edges that the source did not write.
+    void break_cycles() {
         txn::Cycle cycle;
-        if (!commit_->cycles().find(cycle))
-            return;
+        for (;;) {
+            FrameId least = kNoFrame;
+            const bool found = commit_->cycles().find(cycle, [&](FrameId id) {
+                if (weight(id) < weight(least))
+                    least = id;
+            });
+            if (!found)
+                return;
+            if (least == kNoFrame)
+                break;
+            replace(least);
+        }
         const CommitSample::Edge& edge = edge_of(cycle.item);
         throw_fault(
             cycle_fault(view_of(edge, sample_.rows[cycle.item]), cycle.item, authority_of(edge)));
+    }
+    /// The local parent of a frame of the source is less than one of another frame, and that is
+    /// less than a shared edge of another source.
+    [[nodiscard]] int weight(FrameId id) const {
+        constexpr int kStays = 3;
+        if (id == kNoFrame || is_written_here(id) || written_.contains(id))
+            return kStays;
+        if (store_.writer_of(id))
+            return other_owner(id) ? kStays : 2;
+        return SourceWord::maker(source_word(id)) == source_ ? 0 : 1;
+    }
+    void replace(FrameId child) {
+        replaced_.push_back(store_.names.name(child));
+        clear_edge(child);
+    }
+    [[noreturn]] void throw_owned(FrameId child, const std::string& owner) const {
+        const std::string name = store_.names.name(child);
+        throw InvalidArgument("frame " + quoted(name) + " comes from source " + quoted(owner) +
+                              ": it must not be a shared frame (shared=) of source " +
+                              quoted(options_.source));
     }
 
     Store& store_;
     const CommitSample& sample_;
     const ApplyOptions& options_;
     std::vector<std::string> names_;  // in this store
+    std::vector<bool> is_shared_;     // by name
     std::vector<std::string> replaced_;
     std::vector<std::uint64_t> authors_;  // indexed by the sample's authorities
     std::uint64_t choice_;
@@ -442,8 +498,9 @@ private:
     std::uint64_t source_ = 0;
     // For the current commit:
     StoreCommit* commit_ = nullptr;
-    std::vector<FrameId> ids_;   // by name
-    std::vector<FrameId> gone_;  // by name: frames that the commit removed
+    std::vector<FrameId> ids_;    // by name
+    std::vector<FrameId> gone_;   // by name: frames that the commit removed
+    std::vector<FrameId> found_;  // not created by a source yet
     txn::FrameSet cleared_;
     txn::FrameSet removed_;
     txn::FrameSet written_;
@@ -607,6 +664,8 @@ std::optional<HandedOver> Buffer::hand_over(Handover how, const Position& to,
     store::Positions::Record record = positions.find(to.source);
     const auto position = record == 0 ? std::nullopt : positions.position(record);
     const bool was_home = position && position->choice == store::Positions::kReleased;
+    if (how == Handover::kAdopt && position && to.epoch < position->epoch)
+        return std::nullopt;
     if (from) {
         if (!position || position->epoch != from->epoch || position->commit != from->commit)
             return std::nullopt;
@@ -617,7 +676,11 @@ std::optional<HandedOver> Buffer::hand_over(Handover how, const Position& to,
         record = positions.make(to.source, "");
     const std::uint64_t source = positions.number(record);
     StoreCommit commit = store_->start_commit_of(source);
-    const HandedOver done{commit.number(), !was_home && store::is_only_of(*store_, source)};
+    HandedOver done{commit.number(), true, commit.number() - 1};
+    if (!was_home) {
+        done.is_whole = store::is_only_of(*store_, source);
+        done.last = position ? position->commit : 0;
+    }
     CommitNumber at = to.commit;
     std::uint64_t choice = position ? position->choice : 0;
     if (how == Handover::kRelease) {

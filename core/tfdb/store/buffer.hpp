@@ -232,8 +232,9 @@ enum class Handover : std::uint8_t {
 
 struct HandedOver {
     CommitNumber commit = 0;  // number of this store's commit
-    /// Whether this store's content was exactly the source's.
+    /// Whether this store's content was exactly the source's at its commit `last`.
     bool is_whole = false;
+    CommitNumber last = 0;
 };
 
 struct Applied {
@@ -503,7 +504,8 @@ public:
     /// Removes frames in one commit, all or none; their order does not matter, and duplicates count
     /// once. Without names it commits nothing. Throws UnknownFrame, FrameInUse (it is the newest
     /// parent of a remaining frame) of the first frame that cannot be removed, with its `index`;
-    /// `refused` lists all of them.
+    /// `refused` lists all of them. A frame that `apply` created stays, and loses the parent that a
+    /// local writer stored; if there is none, throws ReadOnly.
     CommitNumber remove_frames(std::span<const std::string_view> names, bool recursive);
     /// Drops all moving samples; frames and static edges stay.
     CommitNumber clear();

@@ -37,6 +37,8 @@ public:
     }
 
     [[nodiscard]] const std::vector<FrameId>& frames() const { return gone_; }
+    /// Frames of sources, which stay without their local parents.
+    [[nodiscard]] const std::vector<FrameId>& detached() const { return detached_; }
     [[nodiscard]] Refusals& refusals() { return refusals_; }
 
 private:
@@ -45,8 +47,17 @@ private:
     }
     [[nodiscard]] bool goes(FrameId id) const { return store_.scratch.going.contains(id); }
     void add(FrameId id) {
-        if (store_.scratch.going.insert(id))
+        if (has_local_parent(id)) {
+            if (stays_.insert(id))
+                detached_.push_back(id);
+        } else if (store_.scratch.going.insert(id)) {
             gone_.push_back(id);
+        }
+    }
+    /// Whether a source created the frame, and a local writer stored its edge.
+    [[nodiscard]] bool has_local_parent(FrameId id) const {
+        return store_.remover_of(id) && !store_.writer_of(id) &&
+               commit_.newest_parent(id) != kNoFrame;
     }
 
     /// Whether a frame to be removed has a child that stays.
@@ -58,6 +69,8 @@ private:
             const FrameId parent = commit_.newest_parent(id);
             going += parent != kNoFrame && goes(parent) ? 1 : 0;
         }
+        for (const FrameId id : detached_)
+            going += goes(commit_.newest_parent(id)) ? 1 : 0;
         return going != expected;
     }
 
@@ -93,7 +106,7 @@ private:
     void refuse_used() {
         std::vector<std::vector<FrameId>> stay(store_.frames.count());
         for_each_relation([&](FrameId parent, FrameId child) {
-            if (goes(parent) && !goes(child))
+            if (goes(parent) && !goes(child) && !stays_.contains(child))
                 stay[parent].push_back(child);
         });
         for (std::size_t i = 0; i < ids_.size(); ++i) {
@@ -114,6 +127,8 @@ private:
     std::span<const std::string_view> names_;
     std::vector<FrameId> ids_;   // by index in the list
     std::vector<FrameId> gone_;  // without duplicates
+    std::vector<FrameId> detached_;
+    txn::FrameSet stays_;  // the same
     Refusals refusals_;
 };
 
@@ -125,6 +140,10 @@ CommitNumber commit_removal(Store& store, std::span<const std::string_view> name
     removal.judge(recursive);
     if (!removal.refusals().empty())
         removal.refusals().raise(std::to_string(names.size()) + " frames");
+    for (const FrameId id : removal.detached()) {
+        (void)commit.touch(id);
+        commit.clear(id);
+    }
     for (const FrameId id : removal.frames())
         commit.remove(id);
     store.check_writable(commit);

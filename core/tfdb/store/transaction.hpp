@@ -98,7 +98,8 @@ public:
     /// comes from the commit. A refused batch leaves the transaction unchanged.
     void set_transforms(std::span<const TransformView> batch, bool is_static,
                         std::string_view authority);
-    /// As Buffer::remove_frames, at the commit. Throws UnknownFrame, FrameInUse.
+    /// As Buffer::remove_frames, at the commit. Throws UnknownFrame, FrameInUse; the commit throws
+    /// ReadOnly for every frame that Buffer::apply created.
     void remove_frames(std::span<const std::string_view> names, bool recursive);
     void remove_frame(std::string_view name, bool recursive) {
         remove_frames({&name, 1}, recursive);

@@ -82,10 +82,16 @@ public:
 
     /// Finds one cycle.
     [[nodiscard]] bool find(Cycle& cycle) {
+        return find(cycle, [](FrameId) {});
+    }
+    /// Finds one cycle, and calls visit(id) for each of its frames.
+    template <class Visit>
+    [[nodiscard]] bool find(Cycle& cycle, Visit visit) {
         bool any = false;
         if (scratch_.relations.empty())
             return any;
         search([&](const Stop& top, const Cycle& suspect) {
+            for_each_in_cycle(top.id, visit);
             cycle = blame(top, suspect);
             any = true;
             return Next::kEnd;

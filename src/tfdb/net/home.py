@@ -16,6 +16,7 @@ from tfdb.data.errors import (
     CorruptMessage,
     FeedLapped,
     Gone,
+    InvalidArgument,
     NotSupported,
     StoreExists,
     TfdbError,
@@ -253,6 +254,8 @@ class Home(Closable):
         found = [each for each in self._buffer.positions() if each.source == self._name]
         if found and found[0].epoch == self.epoch:
             commit = found[0].commit
+        elif found and found[0].epoch > self.epoch:  # of this store, which has all
+            fork = commit
         if fork is not None and fork < commit:
             text = f"the commits after {fork} are in this store alone. {self._keep(fork)}{text}"
         text = f"this one stopped at commit {commit}. {text}"
@@ -289,7 +292,8 @@ class Home(Closable):
     def _end_writes(self) -> str:
         """Let local writers be refused, as in a mirror; say what became of it."""
         try:
-            self._buffer._hand_over(self._name, "adopt", self.epoch)
+            if self._buffer._hand_over(self._name, "adopt", self.epoch) is None:
+                return "The later home publishes the same store, which stays writable"
         except TfdbError as error:  # such as a frozen store, or one with other sources
             return f"The store stays as it is: {error}"
         return "Its frames are read-only"
@@ -411,8 +415,9 @@ def publish(
     InvalidName
         The name is not valid for a namespace.
     InvalidArgument, TypeError
-        A value that a parameter does not take, such as a file of `keep_lost` that exists; no epoch
-        is later than one that is announced.
+        A value that a parameter does not take, such as a file of `keep_lost` that exists; this
+        process publishes the store under that name already; no epoch is later than one that is
+        announced.
     NotSupported
         PyPI's eclipse-zenoh is not installed, or the buffer's engine keeps no feed.
     ConnectionError
@@ -426,6 +431,9 @@ def publish(
     take_over = check_flag("take_over", take_over)
     lost = check_lost_file(keep_lost)
     buffer.commits_bytes(buffer.commit)  # refuses an engine without a feed
+    if publishes(buffer, name):
+        text = f"this process publishes this store as {name!r} already: close that home first"
+        raise InvalidArgument(text, value=name)
     with link_of(session) as (link, owned):
         seen = _seen(link, name, take_over=take_over)
         epoch = epoch_for(buffer, name, seen)

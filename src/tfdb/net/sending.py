@@ -74,8 +74,8 @@ def take_over(buffer: Buffer, source: str, epoch: Epoch) -> Origin:
             return Origin()
         done = buffer._hand_over(source, "release", epoch, from_=position)
         if done is not None:  # else another process applied meanwhile
-            commit, is_whole = done
-            return Origin(position.epoch, position.commit, commit if is_whole else 0)
+            commit, is_whole, last = done
+            return Origin(position.epoch, last, commit if is_whole else 0)
 
 
 def step_back(buffer: Buffer, source: str, homes: Iterable[Epoch]) -> None:
