@@ -310,6 +310,14 @@ def test_a_clock_that_is_set_forth() -> None:
     assert found[0].details["to_ns"] - found[0].details["from_ns"] == 7100 * MS
 
 
+def test_a_jump_of_the_last_sample() -> None:
+    log = Log()
+    for i in range(60):
+        add(log, i, shift=7 * S if i == 59 else 0)
+    found = only(log, "time-jump", Limits(gap=20 * S))
+    assert found.details["to_ns"] == START + 12_900 * MS
+
+
 def test_a_clock_that_is_set_back_and_forth_again() -> None:
     log = Log()
     for i in range(90):

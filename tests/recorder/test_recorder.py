@@ -285,6 +285,7 @@ def test_a_split_ends_no_silence_when_it_is_judged(tmp_path: Path) -> None:
     assert [(event.child, event.begins) for event in found] == [("arm", True)]
     alone = judge_recording(recorded_arrivals(files[1:]), expected)
     assert [(event.child, event.begins) for event in alone] == [("arm", True)]
+    assert recorded_arrivals(files).log.count == 20 * (2 + 1 + 1)
     assert tfdb.load(files).frame_info("arm").samples == 20
 
 

@@ -16,6 +16,7 @@ pytest.importorskip("rosbags")
 import contextlib
 
 from mcap.writer import Writer as McapWriter
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
@@ -505,7 +506,8 @@ def test_joint_states(ros: Messages, tmp_path: Path) -> None:
     assert part.samples("a/upper")[0].tolist() == [2 * S, 3 * S]
 
 
-def test_progress_of_a_rewriting_counts_the_fixed_joints(ros: Messages, tmp_path: Path) -> None:
+def test_a_rewriting_has_the_fixed_joints(ros: Messages, tmp_path: Path) -> None:
+    """They are one static message, which progress counts, on a topic for late subscribers."""
     seen: list[tuple[int, int]] = []
     chosen = Selection(urdf=tfdb.robots.parse_urdf(URDF))
     with (
@@ -516,6 +518,12 @@ def test_progress_of_a_rewriting_counts_the_fixed_joints(ros: Messages, tmp_path
         rewrite(recordings, rewriters, writer, lambda *step: seen.append(step))
         count = recordings.count + 1
     assert seen[-1] == (count, count)
+    with AnyReader([tmp_path / "out.mcap"]) as reader:
+        static, moving = sorted(reader.connections, key=lambda each: each.topic, reverse=True)
+    assert (static.topic, static.msgcount, moving.topic) == ("/tf_static", 1, "/tf")
+    profiles: Any = [each.ext for each in (static, moving)]
+    durabilities = [each.offered_qos_profiles[0].durability.name for each in profiles]
+    assert durabilities == ["TRANSIENT_LOCAL", "VOLATILE"]
 
 
 def test_joint_states_of_two_files_may_not_contradict(ros: Messages, tmp_path: Path) -> None:

@@ -256,14 +256,12 @@ def _rows(
     last, step = -1, 0
     while last + step < _LAST_ROW:
         try:
-            with _database_errors():
-                forward = f"{query} WHERE rowid > ? ORDER BY rowid"
-                for number, *row in database.execute(forward, (last + step,)):
-                    _check_order(last, number)
-                    if step:
-                        yield from _rows_before(database, query, last, number)
-                    last, step = number, 0
-                    yield tuple(row)
+            for number, *row in _rows_between(database, query, last + step, _LAST_ROW):
+                _check_order(last, number)
+                if step:
+                    yield from _rows_before(database, query, last, number)
+                last, step = number, 0
+                yield tuple(row)
         except BadDataError as error:
             if not step:
                 gathered.lose(0, error)
@@ -283,14 +281,32 @@ def _rows_before(
 ) -> list[tuple[Any, ...]]:
     """Return the rows between two, as far back from the later one as pages can be read."""
     found = []
-    with suppress(BadDataError), _database_errors():  # the caller has counted that page
-        back = f"{query} WHERE rowid > ? AND rowid < ? ORDER BY rowid DESC"
-        for number, *row in database.execute(back, (first, last)):
+    with suppress(BadDataError):  # the caller has counted that page
+        for number, *row in _rows_between(database, query, first, last, back=True):
             if not first < number < last:
                 break
             last = number
             found.append(tuple(row))
     return found[::-1]
+
+
+def _rows_between(
+    database: sqlite3.Connection, query: str, first: int, last: int, *, back: bool = False
+) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows between two numbers, until a page is damaged.
+
+    Python's sqlite3 reads one row ahead, and drops a row if the next one cannot be read: that row
+    is read again by itself.
+    """
+    order = f"{query} WHERE rowid > ? AND rowid < ? ORDER BY rowid{' DESC' * back}"
+    with _database_errors():
+        try:
+            for row in database.execute(order, (first, last)):
+                yield row
+                first, last = (first, row[0]) if back else (row[0], last)
+        except sqlite3.DatabaseError:
+            yield from database.execute(f"{order} LIMIT 1", (first, last))
+            raise
 
 
 @contextmanager
