@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import threading
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
@@ -275,6 +276,71 @@ def test_a_lapped_bridge_counts_and_keeps_static_transforms(
         assert children_of(fixed.next()[0]) == {"lidar"}
     assert len([line for line in caplog.messages if "were not sent" in line]) == 1
     assert moving.messages.empty()
+
+
+class LappingNode:
+    """A node whose first message of each read lets a whole feed of commits follow."""
+
+    encoding = "cdr"
+
+    def __init__(self, store: tfdb.Buffer) -> None:
+        self.store, self.sent = store, 0
+
+    def advertise(self, *_: object, **__: object) -> LappingNode:
+        return self
+
+    def publish(self, _: bytes) -> None:
+        self.sent += 1
+        assert self.sent < 2000, "it sends commits that were made after its end"
+        if self.sent % 256 == 1:
+            for number in range(20_000):
+                self.store.set_transforms([moved("later", 1000 * self.sent + number)])
+
+    def close(self) -> None:
+        pass
+
+
+def test_commits_after_its_end_do_not_keep_a_bridge() -> None:
+    from tfdb.bridge.sending import CommitSender
+
+    store = tfdb.Buffer(history=3600.0)
+    node: Any = LappingNode(store)
+    sender = CommitSender(store, node, "ros2")
+    for number in range(600):
+        store.set_transforms([moved("base", number)])
+    sent_at_once(sender)
+    assert sender.sent == 256
+    assert sender.missed > 600 - 256
+
+
+def send_until_error(publisher: Any, is_sent: threading.Event, errors: list[Exception]) -> None:
+    data = tfdb.encode_tf_message([moved(f"child{number}", number) for number in range(500)], "cdr")
+    while not errors:
+        try:
+            publisher.publish(data)
+            is_sent.set()
+        except Exception as error:
+            errors.append(error)
+
+
+def test_a_node_is_closed_while_another_thread_publishes(wire: str) -> None:
+    for _ in range(20):
+        with node(wire, "sends") as sends:
+            publisher = sends.advertise("/tf", TF)
+            is_sent = threading.Event()
+            errors: list[Exception] = []
+
+            thread = threading.Thread(target=send_until_error, args=(publisher, is_sent, errors))
+            thread.start()
+            try:
+                assert is_sent.wait(LIMIT)
+                sends.close()
+                thread.join(LIMIT)
+                assert not thread.is_alive()
+                assert [type(error) for error in errors] == [tfdb.errors.NodeClosed]
+            finally:
+                errors.append(RuntimeError("the test ended"))
+                thread.join(LIMIT)
 
 
 def test_stamps_without_message_and_removed_frames(

@@ -276,7 +276,7 @@ class _Hearing:
 
 
 class _Offering:
-    """A publisher. Threads: any."""
+    """A publisher. Threads: one at a time."""
 
     def __init__(self, writer: Any, topic: str, on_end: Callable[[], None]) -> None:
         self._writer, self._topic, self._on_end = writer, topic, on_end

@@ -44,7 +44,7 @@ class Opened(Protocol):
 
 
 class Sender(Opened, Protocol):
-    """An endpoint that sends."""
+    """An endpoint that sends. Threads: one at a time."""
 
     def send(self, data: bytes) -> None:
         """Send a message."""
@@ -264,13 +264,20 @@ class _Publisher(_Entity):
     def __init__(self, node: WireNode, sender: Sender, topic: str) -> None:
         super().__init__(node, sender)
         self._sender, self._topic = sender, topic
+        self._lock = threading.RLock()  # a signal handler may close the node amid `publish`
 
     def publish(self, data: bytes) -> None:
         """Send one serialized message. Raises NodeClosed."""
-        if self._end is None:
-            text = f"this publisher of {self._topic} is closed"
-            raise NodeClosed(text, value=self._topic)
-        self._sender.send(bytes(data))
+        with self._lock:
+            if self._end is None:
+                text = f"this publisher of {self._topic} is closed"
+                raise NodeClosed(text, value=self._topic)
+            self._sender.send(bytes(data))
+
+    def close(self) -> None:
+        """End it, after the message that another thread sends."""
+        with self._lock:
+            super().close()
 
 
 _OPEN: weakref.WeakSet[WireNode] = weakref.WeakSet()

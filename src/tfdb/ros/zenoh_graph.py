@@ -257,19 +257,17 @@ class _Hearing:
 
 
 class _Offering:
-    """A publisher. Threads: any."""
+    """A publisher. Threads: one at a time."""
 
     def __init__(self, publisher: Any, live: Any, gid: bytes) -> None:
         self._publisher, self._live, self._gid = publisher, live, gid
-        self._lock = threading.Lock()
         self._sent = 0
 
     def send(self, data: bytes) -> None:
         """Send a message."""
-        with self._lock:  # numbers go up in the order of the messages
-            self._sent += 1
-            attachment = Attachment(self._sent, time.time_ns(), self._gid)
-            self._publisher.put(data, attachment=attachment.encode())
+        self._sent += 1
+        attachment = Attachment(self._sent, time.time_ns(), self._gid)
+        self._publisher.put(data, attachment=attachment.encode())
 
     def close(self) -> None:
         """End it."""
