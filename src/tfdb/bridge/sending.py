@@ -101,9 +101,13 @@ class CommitSender:
             topic.close()
 
     def _send_to(self, taken: Snapshot) -> None:
-        """Send the commits up to that of a snapshot, and hold it instead of the one before."""
-        while self._position < taken.commit:
-            limit = min(taken.commit - self._position, _AT_ONCE)
+        """Send the commits up to that of a snapshot, and hold it instead of the one before.
+
+        Hold a later one if they left the feed meanwhile.
+        """
+        last = taken.commit  # a writer that is faster does not put off the end
+        while self._position < last:
+            limit = min(last - self._position, _AT_ONCE)
             try:
                 records = self._buffer.changes(self._position, limit)
             except FeedLapped as error:
