@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import inspect
+import pydoc
 import statistics
 import subprocess
 import sys
@@ -245,6 +246,15 @@ def test_the_names_of_a_room_come_when_they_are_used(room: str) -> None:
     assert set(module.__all__) <= set(dir(module))
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         getattr(module, "nothing")  # noqa: B009 - type checkers know as much
+
+
+@pytest.mark.parametrize("room", ["bridge", "net", "recorder", "ros", "tf2"])
+def test_help_lists_a_room_without_ros(room: str) -> None:
+    module = importlib.import_module(f"tfdb.{room}")
+    text = pydoc.plain(pydoc.render_doc(module))
+    there = [name for name in module.__all__ if name in dir(module)]
+    assert there
+    assert all(name in text for name in there)
 
 
 @pytest.mark.skipif(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +11,9 @@ from . import layout, output
 from .graph import STORE, listening
 from .groups import OneOf, SuggestingCommand, SuggestingGroup
 from .serve import domain_option, graph_options, master_option, say_end, told_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 @click.group("bridge", cls=SuggestingGroup)
@@ -21,17 +24,18 @@ def command() -> None:
     """
 
 
-_origin_option = click.option(
-    "--origin",
-    metavar="NAME",
-    help="Name of the graph in authorities.  [default: such as ros2+zenoh:7]",
-)
+def _origin_option(example: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    return click.option(
+        "--origin",
+        metavar="NAME",
+        help=f"Name of the graph in authorities.  [default: such as {example}]",
+    )
 
 
 @command.command("ros1", cls=SuggestingCommand)
 @click.argument("store", metavar="STORE")
 @master_option
-@_origin_option
+@_origin_option("ros1:http://localhost:11311")
 @graph_options
 def ros1(
     *, store: str, master: str, origin: str | None, history: int | None, as_json: bool
@@ -55,7 +59,7 @@ def ros1(
     required=True,
     help="Join a graph of rmw_zenoh, or one over DDS. Neither needs a ROS package.",
 )
-@_origin_option
+@_origin_option("ros2+zenoh:7")
 @graph_options
 def ros2(
     *,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
@@ -50,11 +51,12 @@ def _checked(function: FunctionType) -> Any:
 
 
 def on_demand(
-    package: str, modules: Mapping[str, Sequence[str]]
+    package: str, modules: Mapping[str, Sequence[str]], needs: Mapping[str, str] = {}
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Make `__getattr__` and `__dir__` of a package out of its modules and what it takes of each.
 
-    The modules themselves are attributes of it too. `dir` lists `__all__` and these modules.
+    The modules themselves are attributes of it too. `dir` lists `__all__` and these modules. It
+    leaves out a module that needs a missing package, as `help` imports all that it lists.
     """
     contents = vars(sys.modules[package])
 
@@ -69,8 +71,8 @@ def on_demand(
 
     def list_names() -> list[str]:
         dunder = (name for name in contents if name[:2] == "__")
-        return sorted(
-            {*contents["__all__"], *dunder, *(name for name in modules if "." not in name)}
-        )
+        missing = [module for module, need in needs.items() if find_spec(need) is None]
+        names = {*contents["__all__"], *dunder, *(name for name in modules if "." not in name)}
+        return sorted(names.difference(missing, *(modules[module] for module in missing)))
 
     return find, list_names

@@ -51,4 +51,5 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "tcpros_node": ("TcprosNode",),
             "zenoh_node": ("ZenohNode",),
         },
+        needs={"rclpy_node": "rclpy", "rospy_node": "rospy"},
     )
