@@ -376,3 +376,26 @@ def test_a_source_does_not_take_a_frame_of_another_one(robot: tfdb.Buffer) -> No
         "source 'r2'"
     )
     assert state_of(fleet) == whole
+
+
+def test_a_frame_that_stays_for_a_local_child_is_left_to_local_writers(
+    robot: tfdb.Buffer, fleet: tfdb.Buffer
+) -> None:
+    def follow(change: Callable[[], object]) -> None:
+        before = robot.commit
+        change()
+        fleet.apply(robot.commits_bytes(before), source="r1", prefix="r1/")
+
+    fleet.set_static_transform(CAMERA, "sticker", *pose(7))
+    follow(lambda: robot.remove_frames("camera"))
+    assert CAMERA in fleet.frames()
+    follow(lambda: robot.set_static_transform("base", "camera", *pose(8)))
+    with pytest.raises(errors.ReadOnly):
+        fleet.remove_frames(CAMERA, recursive=True)
+    follow(lambda: robot.remove_frames("camera"))
+    fleet.set_static_transform("map", CAMERA, *pose(7))
+    fleet.remove_frames("sticker")
+    fleet.remove_frames(CAMERA)
+    assert CAMERA not in fleet.frames()
+    follow(lambda: robot.set_static_transform("base", "camera", *pose(8)))
+    assert fleet.parent_of(CAMERA) == BASE

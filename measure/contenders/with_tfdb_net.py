@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zenoh
@@ -18,11 +18,26 @@ SIZE = 900
 """Bytes of a message with one commit of ten."""
 
 
+class Noting(tfdb.Buffer):
+    """A mirror's store that notes when each commit became visible, and how old it then was."""
+
+    delays: list[float] | None = None
+
+    def apply(self, data: bytes, **options: Any) -> tfdb.types.Position:
+        """Apply commits; from now on every lookup sees them."""
+        position = super().apply(data, **options)
+        now = time.time_ns()
+        if self.delays is not None:
+            newest = self.frame_info(FRAMES[-1]).newest
+            self.delays.append(1e-6 * (now - (newest or 0)))
+        return position
+
+
 class Contender:
     """A home, a mirror, or an empty callback, by which of its methods is called."""
 
     def __init__(self) -> None:
-        self.buffer = tfdb.Buffer()
+        self.buffer = Noting()
         self.raw: zenoh.Session | None = None
         self.delays: list[float] = []
         self.fleet: list[tfdb.Buffer] = []
@@ -106,17 +121,8 @@ class Contender:
         self.delays.append(1e-6 * (time.time_ns() - sent))
 
     def watch(self) -> None:
-        """Note from now on how long each commit took to this process."""
-        threading.Thread(target=self._watch, daemon=True).start()
-
-    def _watch(self) -> None:
-        seen = self.buffer.commit
-        with self.buffer.watch(FRAMES[-1:]) as watch:
-            while True:
-                found = watch.next(seen, limit=1)
-                seen = found[-1].commit
-                newest = self.buffer.frame_info(FRAMES[-1]).newest
-                self.delays.append(1e-6 * (time.time_ns() - newest))
+        """Note from now on how long each commit took until it was visible here."""
+        self.buffer.delays = self.delays
 
     def delays_ms(self) -> list[float]:
         """The delays so far."""

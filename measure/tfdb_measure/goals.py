@@ -391,7 +391,7 @@ def _sharing() -> Iterator[Goal]:
     yield at_most(text, 1.2, shared(row, "mirror"), shared(row, "empty callback"))
     row = "from a commit to another process, {}"
     for name, factor in (("p50", 1.6), ("p99", 2.0)):
-        text = f"from a commit to a mirror, 1,000 commits/s: {name}, against Zenoh alone"
+        text = f"from a commit until a mirror has it, 1,000 commits/s: {name}, against Zenoh alone"
         mirrored, alone = (shared(row.format(each), name) for each in ("mirror", "Zenoh alone"))
         yield at_most(text, factor, mirrored, alone)
     yield from _mirrors()

@@ -51,13 +51,18 @@ struct SourceWord {
     /// Replaces a number in a store that never applied a source's commits, so that none is
     /// recorded.
     static constexpr std::uint64_t kNoSources = ~std::uint64_t{0};
+    /// The source has removed the frame, which has stayed for a child of a local writer.
+    static constexpr std::uint64_t kLeft = std::uint64_t{1} << 63;
     static constexpr std::uint64_t pack(std::uint64_t maker, std::uint64_t writer) {
         return writer << kBits | maker;
     }
     static constexpr std::uint64_t maker(std::uint64_t word) {
         return word & ((std::uint64_t{1} << kBits) - 1);
     }
-    static constexpr std::uint64_t writer(std::uint64_t word) { return word >> kBits; }
+    static constexpr std::uint64_t writer(std::uint64_t word) { return (word & ~kLeft) >> kBits; }
+    static constexpr std::uint64_t with_writer(std::uint64_t word, std::uint64_t writer) {
+        return (word & kLeft) | pack(maker(word), writer);
+    }
 };
 
 /// Stamps with a special meaning.

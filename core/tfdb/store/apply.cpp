@@ -124,6 +124,8 @@ public:
         removed_.clear();
         written_.clear();
         found_.clear();
+        left_.clear();
+        is_left_.clear();
         removed_parent_ = kNoFrame;
         may_be_in_use_ = false;
         const bool is_state = sample_.kind == CommitSample::Kind::kState;
@@ -152,8 +154,10 @@ public:
         break_cycles();
         made.publish([&] {
             store_.positions.set(record_, sample_.epoch, until, choice_);
+            for (const FrameId id : left_)
+                set_maker(id, source_ | SourceWord::kLeft);
             for (const FrameId id : found_)
-                own(id);
+                set_maker(id, source_);
         });
         commit_ = nullptr;
     }
@@ -210,15 +214,16 @@ private:
     [[nodiscard]] FrameId frame(std::uint32_t name) {
         if (ids_[name] == kNoFrame) {
             const FrameId id = ids_[name] = commit_->frame(names_[name]);
-            if (!is_shared_[name] && SourceWord::maker(source_word(id)) == 0)
+            const std::uint64_t word = source_word(id);
+            const bool is_left = (word & SourceWord::kLeft) != 0 || is_left_.contains(id);
+            if (!is_shared_[name] && (SourceWord::maker(word) == 0 || is_left))
                 found_.push_back(id);
         }
         return ids_[name];
     }
-    /// From now on only the source removes the frame, although another writer has created it.
-    void own(FrameId id) {
+    void set_maker(FrameId id, std::uint64_t maker) {
         sync::Word& word = store_.frames.word(id, history::kSource);
-        word.store_relaxed(SourceWord::pack(source_, SourceWord::writer(word.load_relaxed())));
+        word.store_relaxed(SourceWord::with_writer(maker, SourceWord::writer(word.load_relaxed())));
     }
     [[nodiscard]] history::EdgeWriter<StoreMemory> edge(FrameId id) const {
         return writer_to(store_, id);
@@ -268,11 +273,15 @@ private:
                 remove(id);
         }
     }
-    /// A frame created by others, or with children of others, stays without its samples.
+    /// A frame created by others, or with children of others, stays without its samples. From then
+    /// on local writers may remove it.
     void remove(FrameId id) {
-        if (SourceWord::maker(source_word(id)) != source_ || has_foreign_child(id)) {
+        const bool is_ours = SourceWord::maker(source_word(id)) == source_;
+        if (!is_ours || has_foreign_child(id)) {
             if (is_written_here(id))
                 clear_edge(id);
+            if (is_ours && is_left_.insert(id))
+                left_.push_back(id);
             return;
         }
         may_be_in_use_ |= store_.frames.word(id, history::kChildren).load_relaxed() != 0;
@@ -500,7 +509,9 @@ private:
     StoreCommit* commit_ = nullptr;
     std::vector<FrameId> ids_;    // by name
     std::vector<FrameId> gone_;   // by name: frames that the commit removed
-    std::vector<FrameId> found_;  // not created by a source yet
+    std::vector<FrameId> found_;  // that the source has now, and other writers created
+    std::vector<FrameId> left_;   // that the source has no longer, and local writers use
+    txn::FrameSet is_left_;       // the same
     txn::FrameSet cleared_;
     txn::FrameSet removed_;
     txn::FrameSet written_;

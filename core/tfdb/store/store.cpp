@@ -194,7 +194,8 @@ std::optional<std::string> Store::remover_of(FrameId id) const {
     if (positions.empty()) [[likely]]
         return std::nullopt;
     const std::uint64_t word = frames.word(id, history::kSource).load_relaxed();
-    auto found = owner(history::SourceWord::maker(word));
+    const bool is_left = (word & history::SourceWord::kLeft) != 0;
+    auto found = is_left ? std::nullopt : owner(history::SourceWord::maker(word));
     return found ? found : owner(history::SourceWord::writer(word));
 }
 

@@ -63,7 +63,8 @@ void set_writer(const graph::Frames<Memory>& frames, FrameId id, unsigned what, 
     const bool made = (what & FeedNote::kMade) != 0;
     const bool cleared = (what & FeedNote::kCleared) != 0;
     const std::uint64_t writer = has_samples ? source : cleared ? 0 : SourceWord::writer(before);
-    word.store_relaxed(SourceWord::pack(made ? source : SourceWord::maker(before), writer));
+    word.store_relaxed(made ? SourceWord::pack(source, writer)
+                            : SourceWord::with_writer(before, writer));
 }
 
 /// Writes of one commit. Nothing is visible before `publish`; the destructor undoes an unpublished
