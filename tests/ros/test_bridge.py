@@ -282,6 +282,7 @@ class LappingNode:
     """A node whose first message of each read lets a whole feed of commits follow."""
 
     encoding = "cdr"
+    senders: frozenset[str] = frozenset()
 
     def __init__(self, store: tfdb.Buffer) -> None:
         self.store, self.sent = store, 0
@@ -443,6 +444,99 @@ def test_the_command_for_ros1(ros1: str, new_store: Callable[[str], tfdb.Buffer]
         told = json.loads(said)
         assert (code, told["command"], told["origin"]) == (130, "bridge ros1", "yard")
         assert (told["received"], told["sent_static"], told["commits"]) == (1, 1, 1)
+
+
+def is_from_graph(store: tfdb.Buffer, child: str) -> bool:
+    """Whether a listener stored the newest sample of a frame."""
+    return store.frame_info(child).authority != ""
+
+
+def test_messages_that_another_listener_stores_are_not_sent_again(wire: str) -> None:
+    from tfdb import tf2
+    from tfdb.bridge import Bridge
+
+    store, fixed, moving = tfdb.Buffer(history=None), Heard(), Heard()
+    fix(store, "lidar", 1)
+    with node(wire, "bridge") as at, node(wire, "serve") as serve, node(wire, "peer") as peer:
+        peer.subscribe("/tf", TF, moving)
+        peer.subscribe("/tf_static", TF, fixed, latched=True)
+        listener = tf2.TransformListener(tf2.Buffer(buffer=store, clock=serve), serve)
+        with Bridge(store, at):
+            arrive_from_graph(store, "lidar")
+            number = 0
+            while moving.messages.empty() or not is_from_graph(store, "base"):
+                number += 1
+                store.wait_for_commit(move(store, "base", number), 0.1)
+            for each in range(10):
+                move(store, "base", number + 1 + each)
+                arrive_from_graph(store, "base")
+            fix(store, "camera", 2)
+            arrive_from_graph(store, "camera")
+            move(store, "end", 1)
+            heard = [moving.next()[0]]
+            while "end" not in children_of(heard[-1]):
+                heard.append(moving.next()[0])
+        listener.unregister()
+    assert len(heard) == len(set(heard))
+    assert [children_of(fixed.next()[0]) for _ in range(2)] == [{"lidar"}, {"lidar", "camera"}]
+    assert fixed.messages.empty()
+
+
+def arrive_from_graph(store: tfdb.Buffer, child: str) -> None:
+    commit = store.commit
+    while not is_from_graph(store, child):
+        commit = store.wait_for_commit(commit, LIMIT)
+
+
+def test_a_store_has_one_bridge_to_a_graph(
+    wire: str, new_store: Callable[[str], tfdb.Buffer]
+) -> None:
+    from tfdb.bridge import Bridge
+
+    shared = new_store("one")
+    name = f"ros2+{wire}:{ros2.own_domain()}"
+    with node(wire, "a") as a, node(wire, "b") as b:
+        for store in (shared, tfdb.Buffer()):
+            for _ in range(2):  # the end of a bridge lets another one begin
+                with Bridge(store, a):
+                    for origin in (None, name):
+                        with pytest.raises(tfdb.InvalidArgument, match="already") as caught:
+                            Bridge(store, b, origin=origin)
+                        assert caught.value.value == name
+                    with Bridge(store, b, origin="yard"), Bridge(tfdb.Buffer(), b):
+                        pass
+    with bridge(wire, "one") as first:
+        first.line()
+        assert f"has a bridge to {name} already" in tfdb_says(
+            "bridge", "ros2", "--rmw", wire, full("one"), code=2
+        )
+        first.process.kill()
+        first.process.wait(LIMIT)
+        with bridge(wire, "one") as second:
+            second.line()
+            second.end()
+
+
+def test_a_forked_child_does_not_keep_a_graph(new_store: Callable[[str], tfdb.Buffer]) -> None:
+    from tfdb.bridge.claim import Claim
+
+    store = new_store("fork")
+    (begun, begin), (ended, end) = os.pipe(), os.pipe()
+    parent = os.fork()
+    if parent == 0:
+        claim = Claim(store, "graph")
+        if os.fork() == 0:
+            os.close(end)
+            os.write(begin, b"1")
+            os.read(ended, 1)  # until the test closes the other end
+        os._exit(0 if claim else 1)  # as if it was killed
+    try:
+        assert os.read(begun, 1) == b"1"
+        assert os.waitpid(parent, 0)[1] == 0
+        Claim(store, "graph").close()
+    finally:
+        for pipe in (begun, begin, ended, end):
+            os.close(pipe)
 
 
 def test_a_node_without_senders_is_refused() -> None:

@@ -11,6 +11,7 @@ from tfdb.data.argument_checks import check_name, refuse_without
 from tfdb.data.closable import Closable
 from tfdb.data.errors import NodeClosed
 
+from .claim import Claim
 from .sending import BridgeStats, CommitSender
 
 if TYPE_CHECKING:
@@ -57,6 +58,8 @@ class Bridge(Closable):
     ------
     NotSupported
         The buffer's engine keeps no feed.
+    InvalidArgument
+        The store has a bridge to a graph with this name already, also in another process.
     NodeClosed, InvalidName, TypeError
     """
 
@@ -75,12 +78,18 @@ class Bridge(Closable):
         self._node = node
         self._error: BaseException | None = None
         self._ended = threading.Event()
-        self._sender = CommitSender(buffer, node, self._origin)
+        self._claim = Claim(buffer, self._origin)
+        try:
+            self._sender = CommitSender(buffer, node, self._origin)
+        except BaseException:
+            self._claim.close()
+            raise
         try:
             store = tf2.Buffer(buffer=buffer, clock=node, flavor=node.flavor)
             self._listener = _Listener(store, node, self._origin)
         except BaseException:
             self._sender.close()
+            self._claim.close()
             raise
         self._thread = threading.Thread(
             target=self._run, name=f"tfdb bridge {self._origin}", daemon=True
@@ -140,6 +149,7 @@ class Bridge(Closable):
             self._error = error
         finally:
             self._sender.close()
+            self._claim.close()
             self._ended.set()
 
 

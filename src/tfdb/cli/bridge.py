@@ -77,8 +77,8 @@ def ros2(
     Each message on /tf and /tf_static becomes one commit of the shared store, and each other commit
     one message on /tf. All static transforms are one message on /tf_static, also for late joiners.
     What came from the graph does not return to it: its authority begins with the graph's name. So
-    one store can join two graphs by two bridges. Do not join two stores by two graphs: transforms
-    would run in a circle.
+    one store can join two graphs by two bridges. A second bridge to the same graph is refused. Do
+    not join two stores by two graphs: transforms would run in a circle.
 
     A missing store is created. The command waits for a graph that is not there yet. --ros-args
     works as in ROS. The store stays when the command ends.

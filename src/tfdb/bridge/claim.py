@@ -1,0 +1,101 @@
+"""A store's only bridge to a graph: a second one would store and send each message again."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import struct
+import threading
+import weakref
+from typing import TYPE_CHECKING
+
+from tfdb.data.closable import Closable
+from tfdb.data.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from tfdb._core import Buffer
+
+__all__ = ["Claim"]
+
+_lock = threading.Lock()
+_private: set[tuple[int, str]] = set()
+"""Buffers that no other process has, with the graphs to which they have a bridge."""
+
+
+class Claim(Closable):
+    """Makes a bridge the store's only one to the graph `origin`, until `close`.
+
+    Threads: one at a time. In a shared store it is a lock on a byte beyond the end of the file,
+    which ends with the process. Raises InvalidArgument if another bridge has it.
+    """
+
+    def __init__(self, buffer: Buffer, origin: str) -> None:
+        self._buffer = buffer  # no other one has its id meanwhile
+        self._key = id(buffer), origin
+        self._file = _opened(buffer)
+        self._is_private = self._file is None and _add(self._key)
+        _open.add(self)
+        if not (
+            self._is_private if self._file is None else _set_lock(self._file, origin, fcntl.F_WRLCK)
+        ):
+            self.leave()
+            text = f"the store has a bridge to {origin} already: end that bridge, or give this one"
+            raise InvalidArgument(f"{text} the name of another graph as origin", value=origin)
+
+    def close(self) -> None:
+        """Let another bridge have the graph. Again: nothing happens."""
+        if self._file is not None:
+            _set_lock(self._file, self._key[1], fcntl.F_UNLCK)  # in copies of forked children too
+            self.leave()
+        if self._is_private:
+            self._is_private = False
+            with _lock:
+                _private.discard(self._key)
+
+    def leave(self) -> None:
+        """Close the file, but not those of other processes that were forked with it."""
+        file, self._file = self._file, None
+        if file is not None:
+            os.close(file)
+
+
+def _opened(buffer: Buffer) -> int | None:
+    """The file of a shared store. None: no other process can join it."""
+    if buffer.shared is None:
+        return None
+    try:
+        return os.open(buffer.shared.path, os.O_RDWR | os.O_CLOEXEC)
+    except FileNotFoundError:  # it was removed
+        return None
+
+
+def _add(key: tuple[int, str]) -> bool:
+    with _lock:
+        is_new = key not in _private
+        _private.add(key)
+        return is_new
+
+
+def _set_lock(file: int, origin: str, kind: int) -> bool:
+    """Lock or unlock the byte of a graph. False: another bridge has it."""
+    digest = hashlib.sha256(origin.encode()).digest()
+    byte = 1 << 62 | int.from_bytes(digest[:7], "little")
+    wanted = struct.pack("hhqqi4x", kind, os.SEEK_SET, byte, 1, 0)
+    try:
+        fcntl.fcntl(file, fcntl.F_OFD_SETLK, wanted)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
+
+
+_open: weakref.WeakSet[Claim] = weakref.WeakSet()
+
+
+def _leave_all() -> None:
+    for each in list(_open):
+        each.leave()
+
+
+# A forked child's copy would keep the lock after its parent has ended.
+os.register_at_fork(after_in_child=_leave_all)
