@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from tfdb._core import Buffer, Snapshot
     from tfdb.data.types import Changes
-    from tfdb.ros import Node, Publisher
+    from tfdb.ros import DdsNode, Publisher, TcprosNode, ZenohNode
 
 __all__ = ["BridgeStats", "CommitSender"]
 
@@ -53,7 +53,7 @@ class CommitSender:
     One thread runs it; any thread may read the counts and call `end`.
     """
 
-    def __init__(self, buffer: Buffer, node: Node, origin: str) -> None:
+    def __init__(self, buffer: Buffer, node: ZenohNode | DdsNode | TcprosNode, origin: str) -> None:
         self._buffer, self._encoding = buffer, node.encoding
         self._prefix = f"{origin}/"
         self.sent: int = 0
@@ -74,6 +74,7 @@ class CommitSender:
             self._position = self._held.commit
             self._topics.append(node.advertise("/tf", KIND, depth=100))
             self._topics.append(node.advertise("/tf_static", KIND, latched=True, depth=1))
+            self._senders = node.senders
         except BaseException:
             self.close()
             raise
@@ -154,15 +155,24 @@ class CommitSender:
         )
 
     def _own(self, authorities: Sequence[str]) -> list[int]:
-        """Indices of the authorities that are not from the graph."""
-        if len(set(authorities)) == 1 and not authorities[0].startswith(self._prefix):
-            return [*range(len(authorities))]
-        return [i for i, name in enumerate(authorities) if not name.startswith(self._prefix)]
+        """Indices of the authorities that are not from the graph.
+
+        Another listener of the store may store messages of this sender.
+        """
+        return [
+            i
+            for i, name in enumerate(authorities)
+            if not name.startswith(self._prefix) and name not in self._senders
+        ]
 
     def _send_statics(self, state: Snapshot) -> None:
         """Send all static transforms in one message, if they differ or were stored again."""
         tree = state.tree_columns()
-        own = [i for i in self._own(tree.authorities) if tree.is_static[i]]
+        own = [
+            i
+            for i, name in enumerate(tree.authorities)
+            if tree.is_static[i] and not name.startswith(self._prefix)
+        ]
         names = [tree.names[i] for i in own]
         poses = state.lookup_edges(names)
         edges = Columns([tree.parents[i] or "" for i in own], names, None, poses)

@@ -128,7 +128,7 @@ class DdsGraph:
             raise ConnectionError(text) from error
         self._topics: dict[tuple[str, str], Any] = {}
         self._lock = threading.Lock()
-        self._own: set[bytes] = set()
+        self.gids: set[bytes] = set()
         self._readers: set[bytes] = set()
         self._writers: set[bytes] = set()
         self._discovery: Any = DataWriter(
@@ -150,7 +150,7 @@ class DdsGraph:
         kind = self._topic(f"rt{topic.name}", topic.kind.wire)
         writer = DataWriter(self._participant, kind, _quality_of(topic))
         gid = writer.get_guid().bytes
-        self._own.add(gid)
+        self.gids.add(gid)
         return _Offering(writer, topic.name, self._announced(self._writers, gid))
 
     def close(self) -> None:
@@ -182,7 +182,7 @@ class DdsGraph:
 
     def name_of(self, gid: bytes) -> str:
         """Name of an own publisher's node; the gid of another one."""
-        return self._names.node if gid in self._own else gid.hex()
+        return self._names.node if gid in self.gids else gid.hex()
 
     def _topic(self, name: str, kind: str) -> Any:
         """The DDS topic.

@@ -206,6 +206,11 @@ class TcprosNode(Closable):
         return self._simulated
 
     @property
+    def senders(self) -> frozenset[str]:
+        """Publishers that other nodes name for messages of this one: its name."""
+        return frozenset({self.name})
+
+    @property
     def closed(self) -> bool:
         """Whether the node has ended, by `close` or by a request."""
         return bool(self._end)

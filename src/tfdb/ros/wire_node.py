@@ -56,6 +56,8 @@ class Link(Protocol):
     refusals: Refusals
     graph: str
     """Name of the graph."""
+    gids: set[bytes]
+    """Those of its publishers, also of closed ones."""
 
     def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> Opened:
         """Call `take(data, sender)` for each message of a topic, in their order."""
@@ -174,6 +176,11 @@ class WireNode(Closable):
     def refused(self) -> int:
         """Count of refused messages, with an unexpected type, type hash or attachment."""
         return self._link.refusals.count
+
+    @property
+    def senders(self) -> frozenset[str]:
+        """Publishers that other nodes name for messages of this one: its name, and gids."""
+        return frozenset({self.name, *(gid.hex() for gid in self._link.gids)})
 
     @property
     def closed(self) -> bool:

@@ -95,7 +95,7 @@ class ZenohGraph:
         self._numbers = count(1)
         self._lock = threading.Lock()
         self._nodes: dict[bytes, str] = {}
-        self._own: set[bytes] = set()
+        self.gids: set[bytes] = set()
         node = token(domain, self._id, 0, "NN", names.namespace, names.base)
         self._token = self._session.liveliness().declare_token(node)
 
@@ -137,7 +137,7 @@ class ZenohGraph:
             publisher = self._session.declare_publisher(key, congestion_control=drop)
         gid = gid_of(text)
         with self._lock:
-            self._own.add(gid)
+            self.gids.add(gid)
         return _Offering(publisher, self._session.liveliness().declare_token(text), gid)
 
     def close(self) -> None:
@@ -153,7 +153,7 @@ class ZenohGraph:
 
         Also its gid if the node is another one with the name of this one.
         """
-        if gid in self._own:
+        if gid in self.gids:
             return self._names.node
         found = self._nodes.get(gid)
         if found is None:
