@@ -277,6 +277,19 @@ def test_a_finding_has_the_worst_of_its_events() -> None:
     assert foreign.details["times_ns"] == [[5 * 10**9, 6 * 10**9]]
 
 
+def test_a_cycle_that_a_store_refuses_has_not_arrived(tmp_path: Path) -> None:
+    path = tmp_path / "a.bag"
+    with tfdb.recordings.RecordingWriter(path) as writer:
+        for second, names in enumerate([("a", "b"), ("b", "a"), ("a", "b")], 1):
+            stamp = second * 10**9
+            moved = tfdb.TransformStamped(*names, stamp, (1, 0, 0), (0, 0, 0, 1))
+            data = tfdb.encode_tf_message([moved], writer.encoding)
+            writer.write(data, stamp, topic="/tf", static=False, authority="/x")
+    with pytest.warns(tfdb.TfdbWarning, match="CycleError"):
+        (edge,) = recorded_arrivals([path]).log.edges()
+    assert (edge.name, edge.stamps.tolist()) == ("b", [10**9, 3 * 10**9])
+
+
 def test_a_watched_store_is_judged_until_the_end_of_the_watch() -> None:
     arrivals = recorded_arrivals([DATA / "pr2.bag"])
     _, last = span_of(arrivals)

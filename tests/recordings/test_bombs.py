@@ -154,6 +154,13 @@ def test_npz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         tfdb.Trajectory.read(path)
 
 
+def test_a_packed_message_up_to_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(raw_file, "MAX_MESSAGE", 100)
+    assert raw_file.unpack_message(zstandard.compress(bytes(100))) == bytes(100)
+    with pytest.raises(raw_file.BadDataError, match="more than the limit of 100 bytes"):
+        raw_file.unpack_message(zstandard.compress(bytes(101)))
+
+
 def test_frames_of_zstd() -> None:
     """One that declares its size, one that does not, several, and what is wrong with them."""
     data = bytes(range(256)) * 40

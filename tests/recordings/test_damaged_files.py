@@ -317,6 +317,19 @@ def test_missing_parts(recorder: Any, messages: Drive, tmp_path: Path, plugin: s
         assert tfdb.Buffer(history=None).load(folder, salvage=True).messages == 400
 
 
+def test_few_missing_parts_are_named(recorder: Any, messages: Drive, tmp_path: Path) -> None:
+    """However high the number of the last one is."""
+    folder = tmp_path / "drive"
+    parts = split(recorder, folder, messages, "mcap")
+    (folder / "metadata.yaml").unlink()
+    parts[2].rename(folder / "drive_5000.mcap")
+    with pytest.raises(
+        tfdb.errors.RecordingError, match=r"are missing, .*: drive_2\.mcap"
+    ) as caught:
+        tfdb.load(folder)
+    assert str(caught.value).count("drive_") == 11
+
+
 def test_parts_that_hold_less_than_promised(recorder: Any, messages: Drive, tmp_path: Path) -> None:
     folder = tmp_path / "drive"
     parts = split(recorder, folder, messages, "sqlite3")

@@ -351,6 +351,17 @@ def test_one_bad_member_leaves_the_others(encoding: str) -> None:
     assert str(found.refused[0]).startswith("timestamp" if encoding == "protobuf" else "stamp")
 
 
+def test_a_negative_timestamp_is_named() -> None:
+    made = message_class()(parent_frame_id="map", child_frame_id="arm")
+    made.timestamp.seconds = -1
+    part = made.SerializeToString()
+    source = Source("/x", "protobuf", "/x", 1, SEVERAL)  # type: ignore[arg-type]
+    words = "timestamp: -1 s and 0 ns are not a stamp"
+    with pytest.raises(tfdb.errors.InvalidStamp, match=words) as caught:
+        decode_poses(b"\x0a" + bytes([len(part)]) + part, source, None, 99)
+    assert caught.value.value == (-1, 0)
+
+
 def test_a_list_without_transforms_is_not_damage(tmp_path: Path) -> None:
     good = json.dumps({"transforms": [transform(1.0, timestamp={"sec": 1, "nsec": 0})]})
     data = [good.encode(), b"{}", b'{"transforms": []}', b'{"other": 3}']
