@@ -315,7 +315,13 @@ def test_a_jump_of_the_last_sample() -> None:
     for i in range(60):
         add(log, i, shift=7 * S if i == 59 else 0)
     found = only(log, "time-jump", Limits(gap=20 * S))
-    assert found.details["to_ns"] == START + 12_900 * MS
+    assert found.details == {
+        "from_ns": START + 5800 * MS,
+        "to_ns": START + 12_900 * MS,
+        "arrival_ns": START + 5905 * MS,
+        "jumps": 1,
+    }
+    assert found.message.endswith("(+7.1 s) while 100 ms passed")
 
 
 def test_a_clock_that_is_set_back_and_forth_again() -> None:

@@ -245,6 +245,13 @@ def test_a_proposal_is_twice_the_largest_value_rounded_up() -> None:
         )
     ]
     assert list(found.authorities) == [AuthorityExpectation("ekf", 4.0)]
+    # Stamps of another clock: the age counts from the arrival of the newest, 104 s, to 105 s.
+    rows.stamps[:] -= 60 * 10**9
+    rows.authorities[:] = judge.number_authorities(["ekf", "ekf", "ekf", "wheels", "wheels"])
+    found = propose_for(Arrivals(Log.of_rows(rows, judge), publishers_known=True))
+    (edge,) = found.edges
+    assert (found.clock, edge.lifespan, edge.authority) == ("arrival", 4.1, ())
+    assert [each.name for each in found.authorities] == ["ekf", "wheels"]
 
 
 def test_a_finding_has_the_worst_of_its_events() -> None:

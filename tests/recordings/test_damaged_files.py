@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 
 import tfdb
 from tfdb.recordings import Recording
@@ -190,6 +191,25 @@ def test_losses_are_counted(recorder: Any, messages: Drive, tmp_path: Path) -> N
         assert loss.path == str(file)
         assert 0 < loss.bytes < len(raw)
         assert f"lost at least {loss.messages} messages" in str(loss)
+
+
+@pytest.mark.parametrize("plugin", ["sqlite3", "mcap"])
+def test_a_cut_packed_file_promises_no_number(
+    recorder: Any, messages: Drive, tmp_path: Path, plugin: str
+) -> None:
+    plain = next(recorder.folder(tmp_path / "a", messages, plugin).glob("a.*"))
+    raw, packer = plain.read_bytes(), zstandard.ZstdCompressor().compressobj()
+    packed = b""
+    for at in range(0, len(raw) * 2 // 3, 4096):  # blocks that unpack by themselves
+        packed += packer.compress(raw[at : at + 4096])
+        packed += packer.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK)
+    file = tmp_path / f"{plain.name}.zstd"
+    file.write_bytes(packed)
+    with Recording(file, salvage=True) as recording:
+        assert list(recording.messages())
+        loss = recording.losses[-1]
+    assert loss.reason.startswith("its zstd does not unpack")
+    assert (loss.path, loss.messages, loss.bytes) == (str(file), 0, 0)
 
 
 def test_a_bag_without_an_index(recorder: Any, messages: Drive, tmp_path: Path) -> None:
