@@ -116,7 +116,10 @@ def test_other_expectations_are_events_only(robot: tfdb.Buffer) -> None:
         robot.expect("map", "odom", lifespan=0.1, enforce=True),
     ):
         robot.lookup_transform("map", "camera")
-    robot.clock.seek(START + S)
+        robot.clock.seek(START + S)
+        robot.lookup_transform("odom", "base")
+        with pytest.raises(Stale, match="map -> odom"):
+            robot.lookup_transform("map", "odom")
     with robot.expect("map", "odom", lifespan=0.1, enforce=True) as installed:
         assert installed.enforce
         with pytest.raises(Stale):

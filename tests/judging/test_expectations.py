@@ -245,8 +245,10 @@ def test_a_proposal_is_twice_the_largest_value_rounded_up() -> None:
         )
     ]
     assert list(found.authorities) == [AuthorityExpectation("ekf", 4.0)]
-    # Stamps of another clock: the age counts from the arrival of the newest, 104 s, to 105 s.
-    rows.stamps[:] -= 60 * 10**9
+    rows.stamps[:] -= 9 * 10**9
+    assert propose_for(Arrivals(Log.of_rows(rows, judge), publishers_known=True)).clock == "stamps"
+    # More than 10 s away: another clock. Ages count from the arrival of the newest stamp.
+    rows.stamps[:] -= 2 * 10**9
     rows.authorities[:] = judge.number_authorities(["ekf", "ekf", "ekf", "wheels", "wheels"])
     found = propose_for(Arrivals(Log.of_rows(rows, judge), publishers_known=True))
     (edge,) = found.edges

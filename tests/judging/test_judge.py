@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tfdb.errors import InvalidArray
-from tfdb.judging.events import EVENT_KINDS
+from tfdb.judging.events import EVENT_KINDS, Event
 from tfdb.judging.expectations import AuthorityExpectation, Expectation, Expectations
 from tfdb.judging.judge import Judge, Rows
 
@@ -17,8 +17,6 @@ from .naive_judge import NaiveJudge, Row, S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from tfdb.judging.events import Event
 
 EDGE = ("odom", "base")
 START = 1_000_000 * S
@@ -276,6 +274,20 @@ def test_a_cleared_frame_begins_anew() -> None:
             judge.forget({"base"})
         events = judge.feed(rows_of(judge, [row(100.2 + i / 10, 90) for i in range(4)]))
         assert [event.kind for event in events] == kinds
+
+
+def test_the_worst_events_come_first() -> None:
+    """By severity, then by kind, then by time."""
+    made = [
+        Event("late", "stale", True, 9, 9),
+        Event("missing", "error", True, 5, 5),
+        Event("deadline", "error", True, 3, 3),
+        Event("deadline", "error", True, 4, 4),
+        Event("lifespan", "warning", True, 2, 2),
+        Event("time-jump", "ok", True, 1, 1),
+    ]
+    backwards = made[::-1]
+    assert sorted(backwards, key=lambda event: event.rank) == made
 
 
 def test_severities() -> None:

@@ -149,6 +149,18 @@ def test_a_writer_that_stopped(grow: Any, tmp_path: Path) -> None:
     assert 0 < buffer.frame_info("base").samples < 60
 
 
+def test_the_timeout_counts_since_the_last_growth(grow: Any, tmp_path: Path) -> None:
+    whole, path = written(), tmp_path / "run.mcap"
+    path.write_bytes(whole[: len(whole) // 2])
+    looks: list[None] = []
+    grow += [lambda: looks.append(None)] * 5
+    grow.append(lambda: path.write_bytes(whole[:-100]))  # after 3 s
+    grow += [lambda: looks.append(None)] * 100
+    with pytest.raises(tfdb.errors.RecordingError, match="not grown for 3 s"):
+        tfdb.recordings.follow_recording(tfdb.Buffer(), path, timeout=3, interval=0.5)
+    assert len(looks) == 5 + 7  # the last one is 3.5 s after the growth
+
+
 def test_other_files_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
     whole, path = written(), tmp_path / "run.mcap"
     buffer = tfdb.Buffer(history=None)

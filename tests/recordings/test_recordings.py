@@ -382,6 +382,27 @@ def test_messages_since_a_time_of_reception(
             assert list(recording.messages(since=since)) == [m for m in found if m[1] >= since]
 
 
+@pytest.mark.parametrize("kind", ["bag", "mcap", "sqlite3"])
+def test_a_recording_is_closed(
+    recorder: Any, messages: list[Any], tmp_path: Path, kind: str
+) -> None:
+    def files() -> int:
+        """The open files, by what Linux lists."""
+        open_files = Path("/proc/self/fd").iterdir()
+        return sum(
+            each.is_symlink() and str(tmp_path) in str(each.readlink()) for each in open_files
+        )
+
+    if kind == "bag":
+        path = recorder.bag(tmp_path / "a.bag", messages)
+    else:
+        path = recorder.folder(tmp_path / "a", messages, kind)
+    with Recording(path) as recording:
+        assert list(recording.messages())
+        assert files()
+    assert not files()
+
+
 def test_a_recording_by_itself(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
     path = recorder.bag(tmp_path / "a.bag", messages)
     with Recording(path) as recording:

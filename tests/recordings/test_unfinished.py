@@ -434,8 +434,10 @@ def test_a_cut_database_in_a_folder(whole: Path, metadata: bool, share: float) -
 def test_a_database_of_which_nothing_is_left(whole: Path) -> None:
     whole.write_bytes(whole.read_bytes()[:3000])
     for options in ({}, {"salvage": True}):
-        with pytest.raises(tfdb.errors.RecordingError, match=r"whole.db3: damaged or cut short"):
+        words = r"whole.db3: damaged or cut short.*`sqlite3 whole.db3 .recover` may save more"
+        with pytest.raises(tfdb.errors.RecordingError, match=words) as caught:
             tfdb.load(whole.parent, **options)
+        assert ("salvage=True" in str(caught.value)) == (not options)
 
 
 def test_a_database_that_is_cut_before_its_messages(whole: Path) -> None:
