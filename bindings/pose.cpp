@@ -141,19 +141,19 @@ std::string described(const RigidFault& fault, std::span<const double, 16> matri
     const std::string by(number.data());
     switch (fault.kind) {
         case RigidFault::kNotFinite:
-            return "it holds " + by;
+            return "it contains " + by;
         case RigidFault::kLastRow:
-            return "its last row is off 0 0 0 1 by " + by +
+            return "its last row must be 0 0 0 1, but differs by " + by +
                    (matrix[3] == 0.0 && matrix[7] == 0.0 && matrix[11] == 0.0
-                        ? "; the matrix of another convention has to be transposed"
+                        ? "; transpose the matrix if it is in row-vector convention"
                         : "");
         case RigidFault::kReflection:
-            return "its determinant is " + by +
-                   ", and that of a rotation is 1: an axis is mirrored";
+            return "its determinant is " + by + ", but must be 1: an axis is mirrored";
         case RigidFault::kScale:
-            return "it scales by " + by + ", and a rotation by 1";
+            return "it scales by " + by + "; the scale must be 1";
         default:
-            return "its axes are off right angles or the same length by " + by + ", at most 0.005";
+            return "its axes are not orthogonal unit vectors: the error is " + by +
+                   ", at most 0.005 is valid";
     }
 }
 

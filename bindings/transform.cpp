@@ -353,7 +353,8 @@ PyObject* as_array(PyObject* self, PyObject* args, PyObject* keywords) {
             return nullptr;
         }
         if (copy == Py_False) {
-            PyErr_SetString(PyExc_ValueError, "a Transform cannot lend its memory: copy=False");
+            PyErr_SetString(PyExc_ValueError,
+                            "copy=False is not possible: the array of a Transform is a copy");
             return nullptr;
         }
         nb::object pose = nb::steal(get_pose(self, nullptr));

@@ -85,7 +85,7 @@ PyObject* no_chain(PyObject* other) {
         Py_RETURN_NOTIMPLEMENTED;                    // it may implement the operation
     }
     PyErr_Format(PyExc_TypeError,
-                 "'@' chains two transforms, the other is a %s: T.apply(points) maps points, "
+                 "'@' chains two transforms, got a %s: T.apply(points) maps points, "
                  "T.matrix @ array multiplies numbers",
                  type_name_of(other).c_str());
     return nullptr;

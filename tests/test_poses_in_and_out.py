@@ -186,12 +186,12 @@ BAD: list[tuple[Matrix, str]] = [
     (GOOD * [[2], [2], [2], [1]], r"it scales by 2\b"),
     (GOOD @ np.diag([1, 1, -1, 1]), r"its determinant is -1\b"),
     (np.diag([0.0, 0, 0, 1]), r"its determinant is 0\b"),
-    (GOOD @ np.diag([1, 1.01, 1, 1]), r"off right angles or the same length by 0\.00996"),
-    (GOOD @ (np.eye(4) + 0.1 * np.eye(4, k=1) * [[1], [0], [0], [0]]), r"by 0\.0995"),
-    (changed(r3c3=2.0), r"its last row is off 0 0 0 1 by 1$"),
-    (GOOD.T, r"its last row is off 0 0 0 1 by .*has to be transposed"),
-    (changed(r1c1=np.nan), r"it holds nan"),
-    (changed(r0c3=np.inf), r"it holds inf"),
+    (GOOD @ np.diag([1, 1.01, 1, 1]), r"not orthogonal unit vectors: the error is 0\.00996"),
+    (GOOD @ (np.eye(4) + 0.1 * np.eye(4, k=1) * [[1], [0], [0], [0]]), r"error is 0\.0995"),
+    (changed(r3c3=2.0), r"its last row must be 0 0 0 1, but differs by 1$"),
+    (GOOD.T, r"its last row must be 0 0 0 1, .*transpose the matrix"),
+    (changed(r1c1=np.nan), r"it contains nan"),
+    (changed(r0c3=np.inf), r"it contains inf"),
 ]
 
 
@@ -253,7 +253,7 @@ def test_a_matrix_that_is_missing() -> None:
     made = tfdb.Trajectory("map", "base", [1, 2, 3], matrices=holes)
     assert made.valid.tolist() == [True, False, True]
     with pytest.raises(
-        tfdb.errors.InvalidTransform, match=r"matrices\[1\] .*: it holds nan"
+        tfdb.errors.InvalidTransform, match=r"matrices\[1\] .*: it contains nan"
     ) as error:
         tfdb.Columns("map", "base", [1, 2, 3], matrices=holes)
     assert error.value.index == 1

@@ -169,7 +169,7 @@ def test_pictures(
 def test_refusals(tool: Tool, folder: Path, bag: Path) -> None:
     truth, slam = folder / "truth.tum", folder / "slam.csv"
     said = tool("compare", truth, bag, code=2).error
-    assert "holds many frames: name two with --estimate-frames TARGET SOURCE" in said
+    assert "has many frames: name two with --estimate-frames TARGET SOURCE" in said
     said = tool("compare", bag, truth, "--frames", "map", "base_lonk", code=2).error
     assert "did you mean 'base_link'" in said
     assert "no such file" in tool("compare", truth, folder / "slom.csv", code=2).error

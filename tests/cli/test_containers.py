@@ -104,6 +104,6 @@ def test_a_renamed_part_is_reported(tool: Any, tmp_path: Path) -> None:
 
 
 def test_the_shell_completes_their_frames(tool: Any) -> None:
-    from tfdb.cli.common import _some_frames
+    from tfdb.cli.common import _example_frames
 
-    assert _some_frames(str(CASES / "json_iso.mcap")) == {"odom", "base_link"}
+    assert _example_frames(str(CASES / "json_iso.mcap")) == {"odom", "base_link"}

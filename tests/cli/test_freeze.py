@@ -64,7 +64,7 @@ def test_freeze_refuses_wrong_arguments(tool: Tool, drive: Path, frozen: Path) -
     assert "also an input" in tool("freeze", frozen, "--overwrite", code=2).error
     assert "read alone" in tool("info", frozen, drive, code=2).error
     assert "--topic goes with recordings" in tool("info", frozen, "--topic", "/tf", code=2).error
-    assert "watches what is live" in tool("check", frozen, "--for", "1", code=2).error
+    assert "is valid for live stores" in tool("check", frozen, "--for", "1", code=2).error
     assert "say where to write" in tool("freeze", "shm:none", code=2).error
 
 

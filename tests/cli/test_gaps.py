@@ -128,7 +128,7 @@ def test_no_gaps(tool: Tool, mcap: Path) -> None:
     assert tool("gaps", mcap).out == "no gaps in 7,180 transforms of 85 frames\n"
     assert tool("gaps", mcap, "--json").json["gaps"] == []
     assert "write seconds" in tool("gaps", mcap, "--max-gap", "long", code=2).error
-    assert "--for watches what is live" in tool("gaps", mcap, "--for", "1", code=2).error
+    assert "--for is valid for live stores" in tool("gaps", mcap, "--for", "1", code=2).error
 
 
 @pytest.mark.parametrize(
@@ -182,3 +182,13 @@ def test_options_that_do_nothing_warn(
     files = (path, tmp_path / "b.bag")
     found = tool(command, *files, *options).err
     assert f"tfdb: warning: {words.format(', '.join(map(str, files)))}" in found
+
+
+def test_a_gap_just_over_the_limit_gets_all_its_digits(tool: Tool, tmp_path: Path) -> None:
+    samples = [(t, "map", "base", "/who") for t in (0.0, 0.100003, 0.2, 0.4)]
+    out = tool("gaps", record(tmp_path / "a.bag", samples), "--max-gap", "0.1").out
+    rows = [line.split("  ") for line in out.splitlines()[2:]]
+    assert [[cell.strip() for cell in row if cell][4] for row in rows] == [
+        "0.100003000 s",
+        "200 ms",
+    ]

@@ -207,7 +207,7 @@ def test_static_transforms_of_a_mixture_need_a_way_on(tool: Tool) -> None:
         tool("shm", "rm", name)
     given = ("0", "0", "1", "0", "0", "0", "1", "a", "b")
     text = tool("static-publisher", "shm:none", *given, "--mix", code=2).error
-    assert "go with --from" in text
+    assert "need --from" in text
 
 
 def test_a_growing_recording_is_followed_by_the_same_rule(tool: Tool) -> None:

@@ -316,10 +316,10 @@ def test_one_frame_is_not_given_two_names(tool: Tool, tmp_path: Path) -> None:
     one = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
     names = "--rename", "map:=a", "--rename", "map:=b"
     assert (
-        "'map' is given two names"
+        "'map' has two new names"
         in tool("rename", one, "-o", tmp_path / "b.mcap", *names, code=2).error
     )
     topics = "--pose-topic", "/odom=a", "--pose-topic", "/odom=b"
-    assert "'/odom' is given two frames" in tool("info", one, *topics, code=2).error
-    with pytest.raises(tfdb.InvalidArgument, match="'map' is given two names"):
+    assert "'/odom' has two frames" in tool("info", one, *topics, code=2).error
+    with pytest.raises(tfdb.InvalidArgument, match="'map' has two new names"):
         tfdb.load(one, rename={"map": "a", "/map": "b"})

@@ -134,19 +134,21 @@ def test_a_name_that_is_like_an_option_is_one(tool: Tool, odd: Path) -> None:
         1,
     ]
     said = tool("lookup", odd, "map", "-dash", "-x", code=2).error
-    assert "No such option '-x'; a name that begins with a dash goes behind --" in said
+    assert "No such option '-x'; a name that begins with a dash must come after --" in said
     assert "No such option '-odd'" in tool("info", "-odd", code=2).error
-    assert "behind --" not in tool("info", "-odd", code=2).error
+    assert "after --" not in tool("info", "-odd", code=2).error
 
 
 def test_a_short_option_with_its_value_may_be_a_frame(tool: Tool, bag: Path) -> None:
-    hint = "a name that begins with a dash, such as -odd, goes behind --"
+    hint = "a name that begins with a dash, such as -odd, must come after --"
     for command in ("poses", "echo"):
         said = tool(command, bag, "map", "-odd", code=2).error
         assert hint in said
         assert said.endswith(f" {command} --help'")
-    assert "goes behind" not in tool("poses", bag, "map", code=2).error
-    assert "goes behind" not in tool("echo", bag, "map", "base_link", "-o", "dd", code=2).error
+    assert "must come after --" not in tool("poses", bag, "map", code=2).error
+    assert (
+        "must come after --" not in tool("echo", bag, "map", "base_link", "-o", "dd", code=2).error
+    )
     assert "frame '-odd' does not exist" in tool("poses", bag, "--", "map", "-odd", code=2).error
 
 
@@ -186,7 +188,7 @@ def test_the_version_as_json(tool: Tool) -> None:
 def test_help_is_text_only(tool: Tool) -> None:
     assert tool("help", "help").out == tool("help").out
     assert "Help is text" in tool("help").out
-    assert "help is text: it has no --json" in tool("help", "--json", code=2).error
+    assert "help has no --json" in tool("help", "--json", code=2).error
     assert "help is text" in tool("help", "lookup", "--json", code=2).error
     assert "'tfdb shm ls --json'" in " ".join(tool("shm", "--help").out.split())
 

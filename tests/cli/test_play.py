@@ -44,7 +44,7 @@ def test_lines_control_a_player(bag: Path, name: str) -> None:
         player.stdin.write("jump\nseek 2\nstep\nspeed 4\nskip 1\nquit\n")
         out, said = player.communicate(timeout=LONGEST)
     assert player.returncode == 0, said
-    assert "'jump': the word is unknown; there are pause, step, back" in said
+    assert "'jump': not a control; the controls are pause, step, back" in said
     body = json.loads(out)
     assert body["rounds"] == 0
     assert body["newest_ns"] > 0
@@ -118,3 +118,13 @@ def test_bad_speeds_are_refused(tool: Tool, bag: Path, name: str, speed: str) ->
     assert "--speed" in said
     with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)
+
+
+def test_a_store_with_frames_of_another_source_is_refused(tool: Tool, bag: Path, name: str) -> None:
+    other = tfdb.Buffer()
+    other.set_transform("map", "base", 1, (1, 0, 0))
+    store = tfdb.Buffer.open(name)
+    store.apply(other.snapshot().state_bytes(), source="robot1", prefix="r1/")
+    said = tool("play", bag, "--into", name, "--speed", "inf", code=2).error
+    assert "frames of source 'robot1': play into another store" in said
+    assert store.frames() == ["r1/base", "r1/map"]

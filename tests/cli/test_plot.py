@@ -116,7 +116,7 @@ def test_comparisons_have_the_options_of_compare(tool: Tool, bag: Path, here: Pa
     assert f"{len(found):,} poses; {errors}{rest}" in shown
     assert "base_link in odom against base_link in map" in shown
     said = tool("plot", bag, "compare", bag, "--overwrite", code=2).error
-    assert "holds many frames: name two after ESTIMATE: TARGET SOURCE" in said
+    assert "has many frames: name two after ESTIMATE: TARGET SOURCE" in said
     tool("poses", bag, "map", "base_link", "--rate", "20", "-o", "a.tum")
     tool("poses", bag, "map", "base_link", "--rate", "13", "-o", "b.tum")
     tool("plot", "a.tum", "compare", "b.tum", "--offset", "0.1", "--save", "svg")
@@ -176,5 +176,5 @@ def test_without_a_screen_no_window_opens(
     error = tool("plot", bag, "--show", code=2).error
     assert "no window can be opened" in error
     assert "--save png" in error
-    with pytest.raises(tfdb.InvalidArgument, match="a Figure; got str"):
+    with pytest.raises(tfdb.InvalidArgument, match=r"a Figure of tfdb\.plot, got str"):
         tfdb.plot.show("tree")

@@ -226,7 +226,7 @@ def test_net_top_shows_homes_and_mirrors(tool: Tool, names: tuple[str, str]) -> 
         text = tool("net", "top", "other", "--connect", endpoint, "--once").out
         assert "no home and no mirror answers" in text
     text = tool("net", "top", "a*", "--once", "--connect", endpoint, code=2).err
-    assert "'a*' is not the name of a namespace" in text
+    assert "'a*' is not a valid namespace" in text
     assert "--period must be positive" in tool("net", "top", "--period", "0", code=2).err
 
 
@@ -242,9 +242,9 @@ def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
         text = tool(*command, "--connect", "tpc/127.0.0.1:7447", code=2).err
         assert "did you mean 'tcp'?" in text
     text = tool("mirror", "r*", "--into", names[1], "--connect", endpoint, code=2).err
-    assert "'r*' is not the name of a namespace" in text
+    assert "'r*' is not a valid namespace" in text
     text = tool("publish", "shm:nowhere", "--as", "r", "--listen", endpoint, code=2).err
-    assert "nowhere" in text
+    assert "no shared store 'nowhere'; `tfdb shm ls` lists the existing ones" in text
     for lost, said in ((bag, "--keep-lost"), (bag / "lost", "lost")):
         arguments = "publish", bag, "--as", "r", "--listen", endpoint, "--keep-lost", lost
         assert said in tool(*arguments, code=2).err

@@ -138,7 +138,7 @@ def test_invalid_transforms_are_refused(
             '{"parent": "a", "child": "b", "rpy_deg": [1, 2, 3], "rotation_xyzw": [0, 0, 0, 1]}',
             "exclude",
         ),
-        ('{"parent": 3, "child": "b"}', "are names"),
+        ('{"parent": 3, "child": "b"}', "must be strings"),
         ('{"parent": "a", "child": "b", "translation": [1, 2]}', "3 numbers"),
         ("[]", "no static transforms"),
     ],

@@ -109,7 +109,7 @@ def test_other_text_files_are_refused(tool: Any, path: tfdb.Trajectory, tmp_path
     for given, words in (
         (("poses", file, "world", "body", "-o", "x.xyz"), "--format names the format"),
         (("poses", file, "world", "body", "--format", "tum"), "give -o OUT"),
-        (("convert", file, "x.bag", "--format", "tum"), "--format goes with trajectories"),
+        (("convert", file, "x.bag", "--format", "tum"), "--format is valid for trajectories"),
     ):
         assert words in tool(*given, code=2).error
 

@@ -107,7 +107,7 @@ def test_other_files_are_refused(tmp_path: Path, path: Path) -> None:
     with pytest.raises(tfdb.errors.RecordingError, match=r"tfdb\.open\('a\.tfdb'\) opens it"):
         tfdb.load(path)
     for bad in (5, None):
-        with pytest.raises(tfdb.InvalidArgument, match="a path is a str"):
+        with pytest.raises(tfdb.InvalidArgument, match="a path must be a str"):
             tfdb.open(bad)  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="no file can have this name"):
         tfdb.open("a\0b")

@@ -152,7 +152,7 @@ def test_a_longer_lifespan_that_comes_first_counts(robot: tfdb.Buffer) -> None:
         robot.lookup_transform("map", "camera")
     with robot.expect("*", "*", lifespan=0.5, enforce=True), pytest.raises(Stale):
         robot.lookup_transform("map", "camera")
-    with pytest.raises(InvalidArgument, match="enforce is True or False"):
+    with pytest.raises(InvalidArgument, match="enforce must be True or False"):
         robot.expect("odom", "base", lifespan=3, enforce="yes")  # type: ignore[call-overload]
 
 

@@ -136,7 +136,7 @@ FAULTS = [
     ('{ deadline = "error" }', '"error"', 11, "give a table of kinds"),
     ('child = "wheel_*"\n', "", 12, "lacks child"),
     ('child = "wheel_*"', 'child = ""', 14, "give a name"),
-    ('parent = "*"\nchild = "wheel_*"', 'parent = "odom"\nchild = "base"', 12, "join the two"),
+    ('parent = "*"\nchild = "wheel_*"', 'parent = "odom"\nchild = "base"', 12, "combine them"),
     ('parent = "*"\nchild = "wheel_*"', 'parent = "map"\nchild = "base"', 12, "has one parent"),
     ("liveliness = 1.0", "", 17, "lacks liveliness"),
     (
@@ -149,7 +149,7 @@ FAULTS = [
     ("[default]", "[[default]]", 3, r"write \[default\]"),
     ("deadline = 0.5", "deadline = 1e9", 4, "must be positive and below 1e9"),
     ('parent = "odom"', 'parent = "base"', 6, "parent and child are both 'base'"),
-    ('deadline = "error"', 'time-jump = "ok"', 5, "give its severity in the default"),
+    ('deadline = "error"', 'time-jump = "ok"', 5, "set its severity in the default"),
 ]
 
 
@@ -191,11 +191,11 @@ def test_an_authority_without_a_name_is_refused(name: Any) -> None:
 def test_objects_of_other_types_are_refused() -> None:
     with pytest.raises(TypeError, match="give Expectations"):
         Expectations([AuthorityExpectation("a", 1)])  # type: ignore[list-item]
-    with pytest.raises(TypeError, match="give a mapping"):
+    with pytest.raises(TypeError, match="severity must map"):
         Expectation(severity=["late"])  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="authority is None; give a name, or a list"):
         Expectation(authority=None)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="give an Expectation"):
+    with pytest.raises(TypeError, match="default must be an Expectation"):
         Expectations(default={"deadline": 1})  # type: ignore[arg-type]
 
 

@@ -87,7 +87,7 @@ class Node:
             if command == "promote":
                 try:
                     home = mirror.promote()
-                except tfdb.InvalidArgument as error:  # it never was live
+                except tfdb.InvalidArgument as error:  # it was never live
                     tell("refused", text=str(error))
                     continue
                 self.tag = int(tag[0])

@@ -233,13 +233,13 @@ def test_wrong_arguments(authority: Authority, tmp_path: Path) -> None:
         ({"ca": theirs["ca"]}, "is not a valid certificate of"),
         ({"key": theirs["key"]}, "not a certificate and its key"),
         ({"ca": broken}, "not a certificate"),
-        ({"connect": "tcp/127.0.0.1:1"}, "connect of secure has endpoints such as tls/"),
-        ({"listen": "x"}, "listen has endpoints such as tls/"),
-        ({"allow": {"b": "read"}}, "give it to the router"),
+        ({"connect": "tcp/127.0.0.1:1"}, "connect of secure must have endpoints such as tls/"),
+        ({"listen": "x"}, "listen must have endpoints such as tls/"),
+        ({"allow": {"b": "read"}}, "allow needs listen"),
         ({"listen": "tls/127.0.0.1:1", "allow": 7}, "allow is such as"),
         ({"listen": "tls/127.0.0.1:1", "allow": {"": "read"}}, "common names"),
         ({"listen": "tls/127.0.0.1:1", "allow": {"b": "raed"}}, "did you mean 'read'"),
-        ({"listen": "tls/127.0.0.1:1", "allow": {"b": {"x*": "read"}}}, "not the name of a name"),
+        ({"listen": "tls/127.0.0.1:1", "allow": {"b": {"x*": "read"}}}, "not a valid namespace"),
     ]
     for wrong, text in cases:
         with pytest.raises(tfdb.TfdbError, match=text):

@@ -129,7 +129,7 @@ def test_a_foreign_answer_is_left_out() -> None:
 
 def test_wrong_arguments() -> None:
     with tfdb.net.Session(listen=free_endpoint()) as session:
-        with pytest.raises(tfdb.errors.InvalidName, match="is not the name of a namespace"):
+        with pytest.raises(tfdb.errors.InvalidName, match="is not a valid namespace"):
             tfdb.net.status("a*", session=session)
         for timeout in (0, -1.0):
             with pytest.raises(tfdb.InvalidArgument, match="timeout"):

@@ -375,7 +375,7 @@ def test_keys_and_controls_mean_the_same(recording: Path) -> None:
             with pytest.raises(errors.InvalidArgument):
                 obey(player, bad)
         for bad in ("speed 0", "speed -2"):
-            with pytest.raises(errors.InvalidArgument, match="above 0 and finite, got"):
+            with pytest.raises(errors.InvalidArgument, match="positive and finite, got"):
                 obey(player, bad)
     assert {line.split()[0] for line in KEYS.values()} <= {word.split()[0] for word in CONTROLS}
 

@@ -136,17 +136,17 @@ def test_nothing_is_folded_unless_need_be() -> None:
 
 @pytest.mark.parametrize("rows", [0, -3, 2.5, "10", True])
 def test_bad_numbers_of_rows(rows: object) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="rows must be a number from 1 on"):
+    with pytest.raises(tfdb.InvalidArgument, match="rows must be an integer of at least 1"):
         plot.frame_tree([], rows=rows)
-    with pytest.raises(tfdb.InvalidArgument, match="rows must be a number from 1 on"):
+    with pytest.raises(tfdb.InvalidArgument, match="rows must be an integer of at least 1"):
         plot.timeline(tfdb.Buffer(), rows=rows)
 
 
 @pytest.mark.parametrize("given", [None, 7, ["map"], "map"])
 def test_objects_without_frames_are_refused(given: object) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="draw a store"):
+    with pytest.raises(tfdb.InvalidArgument, match="must be a"):
         plot.frame_tree(given)
-    with pytest.raises(tfdb.InvalidArgument, match="draw a store"):
+    with pytest.raises(tfdb.InvalidArgument, match="must be a"):
         plot.timeline(given)
 
 

@@ -198,7 +198,7 @@ def test_hostile_target_and_title(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nothing_to_draw_is_refused() -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="no trajectory to draw"):
+    with pytest.raises(tfdb.InvalidArgument, match="at least one trajectory"):
         plot.trajectory()
     empty = SimpleNamespace(
         target="map", source="lidar", stamps=np.arange(3), poses=np.full((3, 7), np.nan)

@@ -487,10 +487,10 @@ def test_stamps_that_no_message_holds(tmp_path: Path) -> None:
     ("options", "error", "text"),
     [
         ({"flush": -1}, tfdb.InvalidArgument, "flush"),
-        ({"queue": 0}, tfdb.InvalidArgument, "queue must be 1 or more"),
-        ({"split_size": 1.5}, tfdb.InvalidArgument, "split_size must be 1 or more"),
+        ({"queue": 0}, tfdb.InvalidArgument, "queue must be an integer of at least 1"),
+        ({"split_size": 1.5}, tfdb.InvalidArgument, "split_size must be an integer of at least 1"),
         ({"split_time": float("nan")}, tfdb.InvalidArgument, "split_time"),
-        ({"sync": "no"}, tfdb.InvalidArgument, "sync is True or False"),
+        ({"sync": "no"}, tfdb.InvalidArgument, "sync must be True or False"),
         ({"frames": []}, tfdb.InvalidArgument, "frames is empty"),
         ({"rename": "map"}, tfdb.InvalidArgument, "rename must map names"),
     ],
@@ -505,7 +505,7 @@ def test_bad_options(
 
 def test_bad_buffers_and_paths(tmp_path: Path) -> None:
     nothing: Any = None
-    with pytest.raises(TypeError, match="buffer is a Buffer"):
+    with pytest.raises(TypeError, match="buffer must be a Buffer"):
         tfdb.Recorder(nothing, tmp_path / "drive.mcap")
     with pytest.raises(errors.RecordingError, match=r"must end in \.mcap"):
         tfdb.Recorder(tfdb.Buffer(), tmp_path / "drive.bag")

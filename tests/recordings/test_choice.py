@@ -293,13 +293,13 @@ def test_the_cache_keeps_choices_apart(tmp_path: Path) -> None:
         (
             {"start": 20, "end": 10},
             tfdb.InvalidArgument,
-            "end \\(0.00000001 s\\) lies before start",
+            "end \\(0.00000001 s\\) is before start",
         ),
         ({"frames": []}, tfdb.InvalidArgument, "frames is empty: name frames"),
         ({"frames": {"map", "base_lnk"}}, tfdb.UnknownFrame, "did you mean 'base_link'"),
         ({"frames": "nothing like it"}, tfdb.UnknownFrame, "there are 'base_footprint'"),
-        ({"mix": "no"}, tfdb.InvalidArgument, "mix is True or False, got 'no'"),
-        ({"by_namespace": ""}, tfdb.InvalidArgument, "by_namespace is True or False, got ''"),
+        ({"mix": "no"}, tfdb.InvalidArgument, "mix must be True or False, got 'no'"),
+        ({"by_namespace": ""}, tfdb.InvalidArgument, "by_namespace must be True or False, got ''"),
         (
             {"frames": ["odom", "map"], "exclude": "ma*"},
             tfdb.UnknownFrame,

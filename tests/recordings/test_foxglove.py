@@ -280,7 +280,7 @@ def test_times_of_rfc_3339_as_datetime_has_them() -> None:
         ({"sec": 5, "nsec": 1.0}, "timestamp.nsec is not an integer: 1.0"),
         ({"sec": 5, "nsec": S}, "timestamp: 5 s and 1000000000 ns are not a stamp"),
         ({"sec": 5, "nsec": -1}, "timestamp: 5 s and -1 ns are not a stamp"),
-        (1.7e9, "timestamp is neither sec and nsec nor a text of RFC 3339"),
+        (1.7e9, "timestamp is neither an object of sec and nsec nor an RFC 3339 string"),
     ],
 )
 def test_a_time_that_cannot_be_read_names_its_field(time: Any, words: str, tmp_path: Path) -> None:
@@ -292,7 +292,7 @@ def test_a_time_that_cannot_be_read_names_its_field(time: Any, words: str, tmp_p
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"parent_frame_id": 3}, "parent_frame_id is not a text"),
+        ({"parent_frame_id": 3}, "parent_frame_id is not a string"),
         ({"parent_frame_id": None}, "it names no parent frame"),
         ({"translation": 3}, "translation is not an object"),
         ({"translation": {"X": 3}}, "translation has none of the fields x, y, z"),

@@ -54,7 +54,9 @@ def test_an_empty_path_is_not_the_current_folder(call: Callable[[Any], Any]) -> 
 @pytest.mark.parametrize("call", [*READERS, *WRITERS])
 @pytest.mark.parametrize("path", [object(), 5, None, b"drive.bag", Named()])
 def test_other_types_of_paths_are_refused_by_type(call: Callable[[Any], Any], path: Any) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match=r"a path is a str or an os\.PathLike of str"):
+    with pytest.raises(
+        tfdb.InvalidArgument, match=r"a path must be a str or an os\.PathLike of str"
+    ):
         call(path)
 
 
@@ -67,7 +69,7 @@ def test_errors_of_reading_name_the_file(call: Callable[[Any], Any]) -> None:
 
 def test_the_file_of_times_of_kitti_poses(tmp_path: Path) -> None:
     write_kitti(tmp_path / "poses.txt", DRIVEN)
-    for times, match in (("", "the path is empty"), (5, "a path is a str")):
+    for times, match in (("", "the path is empty"), (5, "a path must be a str")):
         given: Any = times
         with pytest.raises(tfdb.InvalidArgument, match=match):
             tfdb.Trajectory.read(tmp_path / "poses.txt", times=given)

@@ -645,7 +645,7 @@ def test_topics_of_joint_states(ros: Messages, tmp_path: Path) -> None:
     assert len(tfdb.recordings.load_joint_states(model, path, topic="b").frames()) == 5
     with pytest.raises(tfdb.errors.RecordingError, match="no topic '/c' with joint states"):
         tfdb.recordings.load_joint_states(model, path, topic="/c")
-    with pytest.raises(tfdb.InvalidArgument, match="joint_topic goes with urdf"):
+    with pytest.raises(tfdb.InvalidArgument, match="joint_topic needs urdf"):
         tfdb.load(path, joint_topic="/a")
 
 

@@ -139,7 +139,7 @@ def test_rerun_logs_into_a_recording(store: tfdb.Buffer, tmp_path: Path) -> None
     assert tfdb.to_rerun(store, recording=recording, entity="robot", axes=0) == 51
     recording.disconnect()
     assert_same(read_rrd(path), samples(store), 1e-6)
-    with pytest.raises(tfdb.InvalidArgument, match="no recording of Rerun to log to"):
+    with pytest.raises(tfdb.InvalidArgument, match="Rerun has no active recording"):
         tfdb.to_rerun(store)
     with pytest.raises(tfdb.InvalidArgument, match="not both"):
         tfdb.to_rerun(store, tmp_path / "a.rrd", recording=recording)
@@ -155,12 +155,12 @@ def test_wrong_arguments_are_refused(store: tfdb.Buffer, tmp_path: Path, name: s
         export(store, path)
     assert path.read_text() == "mine"
     for wrong in (None, 7, "map", [store], np.zeros((3, 7))):
-        with pytest.raises(tfdb.InvalidArgument, match="export a Buffer, a Snapshot"):
+        with pytest.raises(tfdb.InvalidArgument, match="takes a Buffer, a Snapshot"):
             export(wrong, tmp_path / "new")
     with pytest.raises(tfdb.InvalidArgument, match="the list is empty"):
         export([], tmp_path / "new")
     once = store.trajectory("map", "arm")
-    with pytest.raises(tfdb.InvalidArgument, match="two trajectories are of the frame 'arm'"):
+    with pytest.raises(tfdb.InvalidArgument, match="two trajectories have the source frame 'arm'"):
         export([once, once], tmp_path / "new")
     for path in ("", 7):
         with pytest.raises(tfdb.InvalidArgument, match="path"):
@@ -219,9 +219,9 @@ def test_convert_writes_for_viewers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("a.rrd", "--compress"), "--compress goes with recordings"),
+        (("a.rrd", "--compress"), "--compress is valid for recordings"),
         (("a.bag", "--foxglove"), "--foxglove writes .mcap"),
-        (("a.rrd", "--frames", "map", "odom"), "--frames TARGET SOURCE goes with"),
+        (("a.rrd", "--frames", "map", "odom"), "--frames TARGET SOURCE is valid for"),
         (("a.tum",), "'a.tum' is a trajectory: name its --frames TARGET SOURCE"),
     ],
 )

@@ -181,9 +181,9 @@ BAD_STATES = [
     ({"mount": 1.0}, "'mount' is fixed"),
     ({"lift": math.nan}, "not finite"),
     ({"lift": "far"}, "is not a number"),
-    ({"lift": [[1.0]]}, "takes 1 number"),
-    ({"lift": [1.0, 2.0], "spin": [1.0, 2.0, 3.0]}, "different lengths"),
-    ({}, "no moving joint"),
+    ({"lift": [[1.0]]}, "needs 1 number"),
+    ({"lift": [1.0, 2.0], "spin": [1.0, 2.0, 3.0]}, "equal lengths"),
+    ({}, "no position of a moving joint"),
 ]
 
 

@@ -371,7 +371,7 @@ def test_arguments_of_the_client(node: TcprosNode, caplog: pytest.LogCaptureFixt
         tf2.BufferClient(3, "x")
     with pytest.raises(TypeError, match="the first argument is ns, a str, or a node, got 3"):
         tf2.BufferClient(3)
-    with pytest.raises(TypeError, match=r"buffer is a tfdb\.tf2\.Buffer, got 3"):
+    with pytest.raises(TypeError, match=r"buffer must be a tfdb\.tf2\.Buffer, got 3"):
         tf2.BufferServer(3, "x", node=node)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="ns must be a str, got int"):
         tf2.BufferServer(tf2.Buffer(flavor="ros1"), 3, node=node)  # type: ignore[arg-type]
@@ -380,7 +380,7 @@ def test_arguments_of_the_client(node: TcprosNode, caplog: pytest.LogCaptureFixt
         tf2.BufferServer(tf2.Buffer(flavor="ros1"), "", node=node)
     with pytest.raises(tf2.InvalidArgumentException, match=nameless):
         tf2.BufferClient(node, "")
-    with pytest.raises(TypeError, match=r"buffer is a tfdb\.tf2\.Buffer, or what stores"):
+    with pytest.raises(TypeError, match=r"buffer must be a tfdb\.tf2\.Buffer, or what stores"):
         tf2.TransformListener(3, node)
 
 

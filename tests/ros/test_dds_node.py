@@ -136,7 +136,7 @@ def test_commands(domain: int) -> None:
     with node("theirs") as theirs:
         theirs.advertise("/tf_static", TF, latched=True, depth=1).publish(message(7))
         assert tfdb_json("lookup", "ros2+dds:", "map", "base", "--for", "20")["translation"][0] == 7
-        assert "is not a domain" in tfdb_says("tree", "ros2+dds:233", code=2)
+        assert "is not a ROS 2 domain" in tfdb_says("tree", "ros2+dds:233", code=2)
         heard = Heard()
         theirs.subscribe("/tf_static", TF, heard, latched=True)
         assert heard.next()[1] == "/theirs"

@@ -64,4 +64,4 @@ def test_watch_publishes_diagnostics(ros1: str, tmp_path: Path) -> None:
 
 def test_diagnostics_need_a_graph(tmp_path: Path) -> None:
     arguments = ("watch", "shm:x", "--expect", tmp_path / "e.toml", "--diagnostics")
-    assert "goes with ros1: or ros2:" in tfdb_says(*arguments, code=2)
+    assert "needs ros1: or ros2:" in tfdb_says(*arguments, code=2)

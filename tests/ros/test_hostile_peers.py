@@ -165,7 +165,7 @@ def test_a_publisher_with_a_broken_api(
     with answering(requestTopic=lambda *_: answer) as uri:
         tell(node, "/tf", uri, "http://127.0.0.1:1", "no uri")
         until(lambda: said in caplog.text, said)
-        until(lambda: "'no uri' is not a URI of ROS" in caplog.text, "the refusal of no uri")
+        until(lambda: "'no uri' is not a ROS URI" in caplog.text, "the refusal of no uri")
         tell(node, "/tf")
 
 

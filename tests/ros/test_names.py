@@ -78,7 +78,7 @@ def test_a_uri_as_host_is_refused(host: str) -> None:
     "uri", ["", "robot", "http://robot", "http://:1", "http://a:b", "[", "x://["]
 )
 def test_invalid_uris_are_refused(uri: str) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="not a URI of ROS"):
+    with pytest.raises(tfdb.InvalidArgument, match="not a ROS URI"):
         host_and_port(uri)
 
 

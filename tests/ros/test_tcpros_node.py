@@ -211,7 +211,7 @@ def test_services(node: TcprosNode, rospy_child: RospyChild) -> None:
 
     served = node.serve("~tf2_frames", "tf2_msgs/FrameGraph", answer)
     name, kind = "/ours/tf2_frames", "tf2_msgs/FrameGraph"
-    with pytest.raises(tfdb.InvalidArgument, match="served by this node already"):
+    with pytest.raises(tfdb.InvalidArgument, match="this node already serves"):
         node.serve(name, kind, answer)
     assert rospy_child.call("ask_often", name, kind, 2) == [
         "base:\n  parent: map",
@@ -304,13 +304,13 @@ def test_a_node_answers_shutdown_before_it_ends(
 ) -> None:
     answered, was_answered = threading.Event(), []
     kind = type(node._slave._node)
-    tell = kind.told_to_end
+    tell = kind.shutdown_requested
 
     def wait_and_tell(self: Any, reason: str) -> None:
         was_answered.append(answered.wait(SECONDS))
         tell(self, reason)
 
-    monkeypatch.setattr(kind, "told_to_end", wait_and_tell)
+    monkeypatch.setattr(kind, "shutdown_requested", wait_and_tell)
     with xmlrpc.client.ServerProxy(node.uri) as slave:
         assert slave.shutdown("/test", "enough")[0] == 1
     answered.set()
@@ -336,10 +336,10 @@ def test_closing_unregisters_everything(ros1: str) -> None:
 def test_one_topic_has_one_type_in_a_node(node: TcprosNode) -> None:
     node.subscribe("mixed", TF, Heard())
     node.subscribe("mixed", "tf/tfMessage", Heard())
-    with pytest.raises(tfdb.InvalidArgument, match="open in this node as tf2_msgs/TFMessage"):
+    with pytest.raises(tfdb.InvalidArgument, match="already has the type tf2_msgs/TFMessage"):
         node.subscribe("mixed", "rosgraph_msgs/Clock", Heard())
     node.advertise("mixed", TF)
-    with pytest.raises(tfdb.InvalidArgument, match="is another type"):
+    with pytest.raises(tfdb.InvalidArgument, match="already has the type"):
         node.advertise("mixed", "rosgraph_msgs/Clock")
     with pytest.raises(tfdb.InvalidArgument, match="not latched"):
         node.advertise("mixed", TF, latched=True)
@@ -351,7 +351,7 @@ def test_a_missing_master_is_named_by_its_uri() -> None:
         TcprosNode("lonely", master=uri, arguments=[])
     assert caught.value.uri == uri
     assert isinstance(caught.value, ConnectionError)
-    with pytest.raises(tfdb.InvalidArgument, match="not a URI of ROS"):
+    with pytest.raises(tfdb.InvalidArgument, match="not a ROS URI"):
         TcprosNode("lonely", master="localhost", arguments=[])
 
 

@@ -204,7 +204,7 @@ def test_without_a_router(monkeypatch: pytest.MonkeyPatch) -> None:
             ZenohNode("lonely", router=endpoint, arguments=[])
     with pytest.raises(tfdb.InvalidArgument, match="an endpoint such as"):
         ZenohNode("lonely", router="nowhere", arguments=[])
-    with pytest.raises(tfdb.InvalidArgument, match="is not a domain"):
+    with pytest.raises(tfdb.InvalidArgument, match="is not a ROS 2 domain"):
         ZenohNode("lonely", domain=233, arguments=[])
 
 
@@ -214,7 +214,7 @@ def test_commands(router: Any) -> None:
         found = tfdb_json("lookup", "ros2+zenoh:", "map", "base", "--for", "20")
         assert found["translation"][0] == 7
         assert tfdb_json("tree", "ros2+zenoh:8", "--for", "0.1")["roots"] == []
-        assert "is not a domain" in tfdb_says("tree", "ros2+zenoh:233", code=2)
+        assert "is not a ROS 2 domain" in tfdb_says("tree", "ros2+zenoh:233", code=2)
         heard = Heard()
         theirs.subscribe("/tf_static", TF, heard, latched=True)
         assert heard.next()[1] == "/theirs"

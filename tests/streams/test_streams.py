@@ -457,7 +457,7 @@ def test_bad_arguments_are_refused() -> None:
         buf.follow([""])
     stream = buf.follow()
     for n in (0, -1, 1.5, True):
-        with pytest.raises(tfdb.InvalidArgument, match="n must be 1 or more"):
+        with pytest.raises(tfdb.InvalidArgument, match="n must be an integer of at least 1"):
             stream.read_next(n)  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument):
         stream.batches(max_rows=0)
@@ -617,5 +617,5 @@ def test_read_back_does_not_reach_samples_from_before_the_stream() -> None:
 
 @pytest.mark.parametrize("frames", [5, [], ()])
 def test_frames_that_are_none_are_refused(frames: Any) -> None:
-    with pytest.raises(errors.InvalidArgument, match="frames must be one name or several"):
+    with pytest.raises(errors.InvalidArgument, match="frames must be a frame name or several"):
         tfdb.Buffer().follow(frames)

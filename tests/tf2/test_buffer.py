@@ -627,7 +627,7 @@ def test_frames_are_named_as_their_arguments(buffer: tf2.Buffer) -> None:
 
 def test_a_handle_is_an_integer(buffer: tf2.Buffer) -> None:
     buffer.cancel_transformable_request(NEVER)
-    with pytest.raises(TypeError, match=r"^request_handle is a handle, an integer, got 'x'"):
+    with pytest.raises(TypeError, match=r"^request_handle must be a handle, an integer, got 'x'"):
         buffer.cancel_transformable_request("x")  # type: ignore[arg-type]
 
 

@@ -120,7 +120,7 @@ except tfdb.InvalidArgument as error:
     print(error)
 assert sys.modules["tf2_ros"] is real and "tf2_py" not in sys.modules
 """
-    assert "tf2_ros was imported before: call tfdb.tf2.install() ahead" in run("-c", code)
+    assert "tf2_ros is already imported: call tfdb.tf2.install() before" in run("-c", code)
 
 
 def test_a_program_is_run_as_it_is(tmp_path: Path) -> None:

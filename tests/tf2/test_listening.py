@@ -309,7 +309,7 @@ def test_a_message_with_an_invalid_transform_is_not_sent(world: World) -> None:
 
 
 def test_other_types_of_nodes_are_refused() -> None:
-    with pytest.raises(TypeError, match=r"expected a node of tfdb.ros or of rclpy, or None"):
+    with pytest.raises(TypeError, match=r"node must be of tfdb.ros or rclpy, or None"):
         tf2.TransformListener(tf2.Buffer(), "node")
 
 

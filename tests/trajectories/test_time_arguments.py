@@ -85,9 +85,9 @@ def test_invalid_texts_are_refused(store: tfdb.Buffer, text: str) -> None:
 
 
 def test_ranges_that_are_none(store: tfdb.Buffer) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="lies before start"):
+    with pytest.raises(tfdb.InvalidArgument, match="is before start"):
         store.trajectory("map", "base", start="+4", end="+3")
-    with pytest.raises(tfdb.InvalidArgument, match="lies before start"):
+    with pytest.raises(tfdb.InvalidArgument, match="is before start"):
         store.trajectory("map", "base").crop("+4", "+3")
     early = tfdb.Buffer(history=None)
     early.set_transform("map", "base", 5 * SECOND, (1, 2, 3))

@@ -278,7 +278,7 @@ def test_between_takes_both_ends(path: Any) -> None:
     assert path.crop(stamps[3] + 1, stamps[8] - 1) == path[4:8]
     assert path.crop(end=stamps[8].view("M8[ns]")) == path[:9]
     assert len(path.crop(stamps[3] + 1, stamps[3] + 2)) == 0
-    with pytest.raises(tfdb.InvalidArgument, match="end 5 lies before start 6"):
+    with pytest.raises(tfdb.InvalidArgument, match="end 5 is before start 6"):
         path.crop(6, 5)
     with pytest.raises(tfdb.InvalidStamp):
         path.crop(1.5)
@@ -474,13 +474,13 @@ def test_products_that_do_not_chain(path: Any) -> None:
     with pytest.raises(tfdb.InvalidArgument, match=r"T\[map<-base\] @ T\[world<-map\] do not"):
         path @ A
     for other in (np.eye(4), [1, 2], path):
-        with pytest.raises(TypeError, match="t @ T chains with a Transform, the other is a"):
+        with pytest.raises(TypeError, match="t @ T chains with a Transform, got a"):
             path @ other
     with pytest.raises(TypeError, match="unsupported operand"):
         path @ 5
     with pytest.raises(TypeError, match="unsupported operand"):
         5 @ path
-    with pytest.raises(TypeError, match="T @ t chains with a Transform, the other is a list"):
+    with pytest.raises(TypeError, match="T @ t chains with a Transform, got a list"):
         [1, 2] @ path
 
 
@@ -567,7 +567,7 @@ def test_none_and_one(path: Any, count: int) -> None:
             with pytest.raises(tfdb.Extrapolation, match="has no pose to interpolate") as caught:
                 ask()
             assert caught.value.reason == "no data"
-        with pytest.raises(tfdb.InvalidArgument, match="holds no pose to draw"):
+        with pytest.raises(tfdb.InvalidArgument, match="has no valid pose"):
             empty.plot()
     if count == 1:
         assert few.at(few.stamps[0]) == few[0]

@@ -187,8 +187,8 @@ unsigned Control::take_slot(const std::string& path) {
         }
         return i;
     }
-    throw CapacityExceeded(std::to_string(kSlots) + " processes have the store " + named(path) +
-                           " open already");
+    throw CapacityExceeded("the store " + named(path) + " is already open in " +
+                           std::to_string(kSlots) + " processes, the limit");
 }
 
 unsigned Control::slots() const noexcept {

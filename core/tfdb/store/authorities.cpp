@@ -66,8 +66,8 @@ void Authorities::enter(std::string_view name, std::uint64_t id) {
 
 void Authorities::list(std::string_view name, std::uint64_t id) {
     if (id >= kMost) {
-        throw CapacityExceeded("the store has " + std::to_string(kMost - 1) +
-                               " authorities already: use fewer names");
+        throw CapacityExceeded("the store already has " + std::to_string(kMost - 1) +
+                               " authorities, the limit: use fewer names");
     }
     const Offset block = region_.allocate(Listed::bytes(name.size()));
     const auto word = [&](Offset at) -> sync::Word& { return region_.word(block + at); };

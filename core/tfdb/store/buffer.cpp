@@ -20,7 +20,7 @@ BufferOptions checked(const BufferOptions& options) {
         throw InvalidArgument("history must be positive, or None to keep everything");
     }
     if (options.max_frames == 0 || options.max_frames > kMaxFrames) {
-        throw InvalidArgument("max_frames must lie between 1 and " + std::to_string(kMaxFrames));
+        throw InvalidArgument("max_frames must be from 1 to " + std::to_string(kMaxFrames));
     }
     return options;
 }
@@ -45,7 +45,8 @@ Concurrency concurrency_of(std::string_view name) {
             return static_cast<Concurrency>(i);
         known += (i == 0 ? "" : ", ") + std::string(kConcurrencyNames[i]);
     }
-    throw InvalidArgument("unknown concurrency " + store::quoted(name) + ": known are " + known);
+    throw InvalidArgument("unknown concurrency " + store::quoted(name) + ": valid names are " +
+                          known);
 }
 
 Buffer::Buffer(const BufferOptions& options)

@@ -142,7 +142,7 @@ void Clock::change(Change change) const {
 void Clock::seek(StampNs time) const {
     if (!clock::is_stamp(time))
         throw InvalidStamp("a clock cannot show " + std::to_string(time) +
-                           ": a stamp is from 0 to " + std::to_string(clock::kMaxStamp) + " ns");
+                           ": stamps are from 0 to " + std::to_string(clock::kMaxStamp) + " ns");
     change([time](ClockSetting& set) {
         set.time = time;
         return true;
@@ -162,7 +162,7 @@ void Clock::resume() const {
 
 void Clock::set_speed(double speed) const {
     if (!std::isfinite(speed) || speed <= 0)
-        throw InvalidArgument("the speed of a clock must be above 0 and finite, got " +
+        throw InvalidArgument("the speed of a clock must be positive and finite, got " +
                               std::to_string(speed));
     change([speed](ClockSetting& set) {
         set.speed = speed;

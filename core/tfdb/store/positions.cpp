@@ -46,13 +46,13 @@ Positions::Record Positions::make(std::string_view source, std::string_view pref
             throw InvalidArgument("prefix " + quoted(prefix) + " of source " + quoted(source) +
                                   " overlaps prefix " + quoted(other) + " of source " +
                                   quoted(this->source(record)) +
-                                  ": one must not be the beginning of the other");
+                                  ": neither may be the beginning of the other");
         }
         return true;
     });
     if (last >= kMost - 1) {
-        throw CapacityExceeded("the store has positions of " + std::to_string(last) +
-                               " sources already");
+        throw CapacityExceeded("the store already has positions of " + std::to_string(last) +
+                               " sources, the limit");
     }
     const Record record = region_.allocate(bytes(source.size(), prefix.size()));
     for (unsigned w = 0; w < kTexts; ++w)

@@ -80,18 +80,19 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
 [[noreturn]] void raise_disconnected(Context& c, const std::string& child,
                                      const std::string& parent) {
     c.detail.frames = {c.frame, c.other};
-    const std::string message = c.path() + c.at() +
-                                " has no answer: the frames are in two trees, " + quoted(c.target) +
-                                " under root " + quoted(c.frame) + " and " + quoted(c.source) +
-                                " under root " + quoted(c.other) + out_of_range(c, child, parent);
+    const std::string message =
+        c.path() + c.at() + " has no answer: the frames are in different trees, " +
+        quoted(c.target) + " under root " + quoted(c.frame) + " and " + quoted(c.source) +
+        " under root " + quoted(c.other) + out_of_range(c, child, parent);
     throw Disconnected(message, std::move(c.detail));
 }
 
 /// For an edge that has data at a single stamp, where two are needed.
 [[noreturn]] void raise_no_data(Context& c) {
     c.detail.reason = "no data";
-    const std::string message = c.path() + c.at() + " has no velocity: it has data at one " +
-                                "stamp only (" + c.edge() + " covers " + span_of(c.failure) + ")";
+    const std::string message = c.path() + c.at() +
+                                " has no velocity: that needs two stamps, but " + c.edge() +
+                                " has data only at " + seconds(c.failure.newest);
     throw Extrapolation(message, std::move(c.detail));
 }
 
@@ -101,21 +102,19 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
         raise_no_data(c);
     const bool future = f.direction > 0;
     c.detail.reason = future ? "future" : "past";
-    const StampNs end = future ? f.newest : f.oldest;
     const StampNs distance = future ? f.stamp - f.newest : f.oldest - f.stamp;
-    const std::string message =
-        c.path() + " at " + seconds(f.stamp) + " would need extrapolation by " + seconds(distance) +
-        " into the " + c.detail.reason + ": " + c.edge() +
-        (future ? " has data up to " : " has data from ") + seconds(end) + " only (it covers " +
-        span_of(f) + ")" + store::likely_meant(f.stamp, f.oldest, f.newest);
+    const std::string message = c.path() + " at " + seconds(f.stamp) +
+                                " would need extrapolation by " + seconds(distance) + " into the " +
+                                c.detail.reason + ": " + c.edge() + " covers " + span_of(f) +
+                                store::likely_meant(f.stamp, f.oldest, f.newest);
     throw Extrapolation(message, std::move(c.detail));
 }
 
 [[noreturn]] void raise_gap(Context& c) {
     const Failure& f = c.failure;
     const std::string message = c.path() + " at " + seconds(f.stamp) + " was refused: " + c.edge() +
-                                " has no sample for " + seconds(f.after - f.before) + " between " +
-                                seconds(f.before) + " and " + seconds(f.after) +
+                                " has a gap of " + seconds(f.after - f.before) + " from " +
+                                seconds(f.before) + " to " + seconds(f.after) +
                                 ", more than max_gap = " + seconds(f.limit);
     throw GapTooLarge(message, std::move(c.detail));
 }
@@ -123,11 +122,11 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
 [[noreturn]] void raise_expired(Context& c) {
     const Failure& f = c.failure;
     c.detail.expectation = *f.expectation;
-    const std::string message =
-        c.path() + " was refused: " + c.edge() + " has its newest sample at " + seconds(f.newest) +
-        ", " + seconds(f.stamp - f.newest) +
-        " before now, more than lifespan = " + seconds(f.limit) + " of the expectation " +
-        quoted(c.detail.expectation) + store::likely_meant(f.stamp, f.newest, f.newest);
+    const std::string message = c.path() + " was refused: the newest sample of " + c.edge() +
+                                " is " + seconds(f.stamp - f.newest) + " old (at " +
+                                seconds(f.newest) + "), more than lifespan = " + seconds(f.limit) +
+                                " of the expectation " + quoted(c.detail.expectation) +
+                                store::likely_meant(f.stamp, f.newest, f.newest);
     throw Stale(message, std::move(c.detail));
 }
 
@@ -135,10 +134,10 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
     const Failure& f = c.failure;
     if (f.expectation != nullptr)
         raise_expired(c);
-    const std::string message = c.path() + " at " + seconds(f.stamp) + " was refused: " + c.edge() +
-                                " has its newest usable sample at " + seconds(f.before) + ", " +
-                                seconds(f.stamp - f.before) +
-                                " old, more than max_age = " + seconds(f.limit) +
+    const std::string message = c.path() + " at " + seconds(f.stamp) +
+                                " was refused: the newest usable sample of " + c.edge() + " is " +
+                                seconds(f.stamp - f.before) + " old (at " + seconds(f.before) +
+                                "), more than max_age = " + seconds(f.limit) +
                                 store::likely_meant(f.stamp, f.before, f.before);
     throw Stale(message, std::move(c.detail));
 }
@@ -156,7 +155,7 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
         c.detail.limit = 0;
     const std::string message =
         c.path() + " at " + seconds(f.stamp) + " was refused: " + c.edge() + " has " + near +
-        (exact ? ", not at that very stamp" : ", farther than tolerance = " + seconds(f.limit)) +
+        (exact ? ", not at exactly that stamp" : ", farther than tolerance = " + seconds(f.limit)) +
         store::likely_meant(f.stamp, f.before < 0 ? f.after : f.before,
                             f.after < 0 ? f.before : f.after);
     throw NoSampleNear(message, std::move(c.detail));

@@ -37,7 +37,7 @@ template <class Number>
 inline void check_apart(Bytes input, Bytes out, const char* what) {
     if (input.begin < out.end && out.begin < input.end) {
         throw InvalidArgument(std::string("out overlaps ") + what +
-                              " in memory: rows would be written over what is still to be read");
+                              " in memory: results would overwrite unread input");
     }
 }
 
@@ -45,7 +45,7 @@ inline void check_apart(Bytes input, Bytes out, const char* what) {
 inline void check_room(std::span<const StampNs> stamps, Layout layout, std::span<double> out) {
     const std::size_t needed = row_width(layout) * stamps.size();
     if (out.size() < needed) {
-        throw InvalidArgument("lookup_many needs room for " + std::to_string(needed) +
+        throw InvalidArgument("out of lookup_many must have space for " + std::to_string(needed) +
                               " numbers, not " + std::to_string(out.size()));
     }
     check_apart(bytes_of(stamps), bytes_of(out), "the stamps");
@@ -76,7 +76,7 @@ template <class Real>
 void check_room(std::span<const FrameRef> frames, std::span<Real> out) {
     const std::size_t needed = 7 * frames.size();
     if (out.size() < needed) {
-        throw InvalidArgument("lookup_edges needs room for " + std::to_string(needed) +
+        throw InvalidArgument("out of lookup_edges must have space for " + std::to_string(needed) +
                               " numbers, not " + std::to_string(out.size()));
     }
 }

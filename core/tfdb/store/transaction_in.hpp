@@ -332,8 +332,8 @@ private:
     /// New frames get ids from the top downward, until they meet those of the store.
     void check_room(std::size_t unknown) {
         if (unknown != 0 && this->writes().made() + unknown + store_.frames.count() > kMaxFrames)
-            throw CapacityExceeded("a transaction cannot make so many frames: a store holds " +
-                                   std::to_string(kMaxFrames) + " in all");
+            throw CapacityExceeded("the transaction makes too many frames: a store has at most " +
+                                   std::to_string(kMaxFrames));
     }
 
     /// As fault_of_edge, for the edge as this transaction sees it.

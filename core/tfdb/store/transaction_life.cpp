@@ -33,11 +33,11 @@ bool is_open(std::uint64_t state) {
 TransactionLife::TransactionLife(std::shared_ptr<Store> store, const TransactionOptions& options)
     : which_(store.get()), store_(std::move(store)), options_(options) {
     if (options.priority > TransactionOptions::kMaxPriority) {
-        throw InvalidArgument("a priority lies between 0 and 7, not " +
+        throw InvalidArgument("priority must be from 0 to 7, got " +
                               std::to_string(options.priority));
     }
     if (options.age >> TransactionOptions::kAgeBits != 0) {
-        throw InvalidArgument("an age must come from `age()` of another attempt, not " +
+        throw InvalidArgument("age must come from `age()` of an earlier attempt, got " +
                               std::to_string(options.age));
     }
     state_.store_relaxed(word_of(Stage::kNotBegun));

@@ -240,9 +240,10 @@ Fault fault_alone(const TransformView& transform, std::size_t index, bool is_sta
     if (is_rotation(q))
         return std::nullopt;
     char text[160];
-    std::snprintf(text, sizeof text,
-                  "its quaternion (%g, %g, %g, %g) has a squared norm of %g, more than 0.01 off 1",
-                  q.x, q.y, q.z, q.w, geometry::norm_squared(q));
+    std::snprintf(
+        text, sizeof text,
+        "its quaternion (%g, %g, %g, %g) has a squared norm of %g, which must be within 0.01 of 1",
+        q.x, q.y, q.z, q.w, geometry::norm_squared(q));
     return invalid_transform(transform, index, authority, text);
 }
 
@@ -321,8 +322,7 @@ Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
     detail.limit = history;
     return TooOld(
         edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
-            " is older than the retained history: stamps from " + seconds(newest - history) +
-            " on are taken" +
+            " is older than the retained history, which begins at " + seconds(newest - history) +
             (transform.stamp == 0 ? "" : likely_meant(transform.stamp, newest - history, newest)),
         std::move(detail));
 }

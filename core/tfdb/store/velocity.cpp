@@ -12,11 +12,11 @@ store::VelocityQuestion store::velocity_question(std::string_view target, std::s
                                                  std::string_view reference, const Vec3& point,
                                                  std::string_view point_frame) {
     if (interval <= 0 || interval > history::kForever) {
-        throw InvalidArgument("the averaging interval must be positive and below 2^61 ns, not " +
+        throw InvalidArgument("the averaging interval must be positive and below 2^61 ns, got " +
                               std::to_string(interval) + " ns");
     }
     if (!geometry::is_finite({point, geometry::identity().rotation})) {
-        throw InvalidArgument("the point whose velocity is asked for must be finite, not (" +
+        throw InvalidArgument("the reference point of the velocity must be finite, got (" +
                               std::to_string(point.x) + ", " + std::to_string(point.y) + ", " +
                               std::to_string(point.z) + ")");
     }

@@ -142,7 +142,7 @@ TFDB_TEST(velocity_needs_two_stamps) {
     const auto lone =
         THROWN(Extrapolation, buffer.lookup_velocity("map", "eye", {}, kSecond, "", {}, ""));
     CHECK(lone && lone->detail().reason == "no data" && lone->detail().edge == "base");
-    CHECK(lone && lone->detail().stamp == 3 * kSecond && says(*lone, "data at one stamp only"));
+    CHECK(lone && lone->detail().stamp == 3 * kSecond && says(*lone, "needs two stamps"));
     // What cannot move stands still, at every stamp.
     for (const StampNs at : {StampNs{0}, kSecond, 9 * kSecond}) {
         const Twist still = buffer.lookup_velocity("base", "eye", at, kSecond, "", {1, 2, 3}, "");

@@ -53,7 +53,7 @@ std::shared_ptr<Watch> Buffer::watch(const Watched& watched) const {
     if (watched.frames.empty() && watched.pairs.empty() && !watched.every_commit)
         throw InvalidArgument("a watch needs at least one frame, or one pair of frames");
     for (const std::string& name : watched.frames)
-        store::check_may_exist(name, "nothing would touch it: the");
+        store::check_may_exist(name, "no commit can touch the watch: the");
     for (const auto& [target, source] : watched.pairs) {
         store::check_may_exist(target, "nothing would touch the pair: the target");
         store::check_may_exist(source, "nothing would touch the pair: the source");

@@ -388,7 +388,7 @@ WriteResult write_by_engine(Store& store, const Batch& batch, const WriteRequest
 
 void check_rules(WriteRules rules, bool is_static) {
     if (rules.only_new && is_static)
-        throw InvalidArgument("only_new is about stamps: a static transform has none");
+        throw InvalidArgument("only_new needs stamps, which static transforms do not have");
 }
 
 CommitNumber commit_batch(Store& store, const Batch& batch) {

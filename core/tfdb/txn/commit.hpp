@@ -390,8 +390,8 @@ private:
                 return retired;
         }
         if (fresh == kNoFrame) {
-            throw CapacityExceeded("the store holds max_frames = " +
-                                   std::to_string(frames_.max_frames()) + " frames already");
+            throw CapacityExceeded("the store already has max_frames = " +
+                                   std::to_string(frames_.max_frames()) + " frames");
         }
         frames_.seal(fresh);
         return fresh;

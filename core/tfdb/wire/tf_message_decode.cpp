@@ -183,7 +183,7 @@ void read_bare(std::span<const std::byte> data, std::vector<TransformView>& out)
 template <Layout kLayout>
 void read_headed(std::span<const std::byte> data, std::vector<TransformView>& out) {
     if (read_header(data) != kLayout.header_id) {
-        throw CorruptMessage(0, "the encapsulation header is of another encoding");
+        throw CorruptMessage(0, "the encapsulation header names another encoding");
     }
     Reader<kLayout>(data, kHeaderBytes).read_message(out);
 }

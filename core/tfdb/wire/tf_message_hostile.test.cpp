@@ -205,9 +205,9 @@ TFDB_TEST(wire_foreign_encapsulation_headers_are_refused) {
     check_refused(changed(cdr, 0, "\x01\x03"sv), Encoding::kCdr, 0,
                   "representation 01 03 is neither plain CDR (00 00, 00 01) nor plain CDR2 (00 06, "
                   "00 07)");
-    check_refused(cdr, Encoding::kCdrBig, 0, "the encapsulation header is of another encoding");
+    check_refused(cdr, Encoding::kCdrBig, 0, "the encapsulation header names another encoding");
     check_refused(two_transforms(Encoding::kCdr2Big), Encoding::kCdr2Little, 0,
-                  "the encapsulation header is of another encoding");
+                  "the encapsulation header names another encoding");
 }
 
 TFDB_TEST(wire_a_wrong_byte_order_is_noticed) {

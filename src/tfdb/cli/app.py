@@ -100,7 +100,7 @@ class TfdbGroup(SuggestingGroup):
         """Take out what is for ROS; `help` and `version` are words for options."""
         if args[:1] == ["help"]:
             if "--json" in args:
-                raise click.UsageError("help is text: it has no --json", ctx)
+                raise click.UsageError("help has no --json", ctx)
             args = [*(word for word in args if word != "help"), "--help"]
         elif args[:1] == ["version"] and "--json" in args:
             output.emit_json("version", {"version": tfdb.__version__})

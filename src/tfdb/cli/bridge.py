@@ -10,7 +10,7 @@ import click
 from . import layout, output
 from .graph import STORE, listening
 from .groups import OneOf, SuggestingCommand, SuggestingGroup
-from .serve import domain_option, graph_options, master_option, say_end, told_of
+from .serve import describe_graph, domain_option, graph_options, master_option, say_end
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -100,7 +100,7 @@ def _bridge(
             bridge.wait()
         finally:
             bridge.close()
-            body, text = told_of(live, began)
+            body, text = describe_graph(live, began)
             stats = bridge.stats
             body |= {"origin": bridge.origin, **stats._asdict()}
             text += f"; {stats.received:,} received, {stats.sent:,} sent"

@@ -158,7 +158,9 @@ def judge_expectations(
 def examined(names: tuple[str, ...], length: int | None) -> tuple[common.Loaded, Arrivals]:
     """Load what is to be examined, and say what arrived how; warn only of unused options."""
     if length is not None and not common.is_live(names[0]):
-        raise click.UsageError("--for watches what is live: give shm:NAME, ros1: or ros2:")
+        raise click.UsageError(
+            "--for is valid for live stores and graphs only: give shm:NAME, ros1: or ros2:"
+        )
     reader = ArrivalReader()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings

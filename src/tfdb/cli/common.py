@@ -82,8 +82,8 @@ def refuse_frozen(paths: Iterable[Path]) -> None:
     for path in paths:
         if is_frozen(path):
             raise click.UsageError(
-                f"{path} is a frozen store: it holds no messages; give the recording that it was "
-                "made of"
+                f"{path} is a frozen store, which has no messages; give the recording that it was "
+                "made from"
             )
 
 
@@ -175,7 +175,7 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
     for name in names:
         if is_live(name):
             what = "graph" if is_graph(name) else "store"
-            raise click.UsageError(f"{name} is a live {what}; here only files can be read")
+            raise click.UsageError(f"{name} is a live {what}; this command reads files only")
     for path in paths:
         if not path.exists():
             raise missing_file(path)
@@ -400,12 +400,12 @@ policy_option: Callable[[FC], FC] = click.option(
 def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[str]:
     """Offer frames of the recording to the shell; none where it cannot be read."""
     try:
-        return sorted(f for f in _some_frames(ctx.params["file"]) if f.startswith(incomplete))
+        return sorted(f for f in _example_frames(ctx.params["file"]) if f.startswith(incomplete))
     except (tfdb.TfdbError, OSError, KeyError, TypeError):
         return []
 
 
-def _some_frames(path: str) -> set[str]:
+def _example_frames(path: str) -> set[str]:
     """Frames of the first static and of the first moving transforms."""
     if is_graph(path):
         return set()  # a shell does not wait for it

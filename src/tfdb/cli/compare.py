@@ -219,12 +219,12 @@ def find(
         raise click.UsageError(
             "options that select parts of a recording do not apply to trajectory files"
         )
-    from tfdb.comparing.inputs import Reading, goes_by_rows  # noqa: PLC0415 - brings numpy
+    from tfdb.comparing.inputs import Reading, pairs_by_row  # noqa: PLC0415 - brings numpy
 
     options = dict(options)
     live = common.is_live(reference) or common.is_live(estimate)
     by_default = options["association"] == "interpolate" and not live
-    if by_default and goes_by_rows(reference, estimate, options["delta_unit"]):
+    if by_default and pairs_by_row(reference, estimate, options["delta_unit"]):
         options["association"] = "rows"
     reading = Reading("salvage" in chosen, unit, options["association"] == "rows")
     others = options.pop("estimate_frames") or frames
@@ -247,7 +247,7 @@ def _read(
 
         return to_trajectory(name, None, "trajectory", "frames", reading)
     if frames is None:
-        raise click.UsageError(f"{name} holds many frames: name two {how} TARGET SOURCE")
+        raise click.UsageError(f"{name} has many frames: name two {how} TARGET SOURCE")
     store = common.load((name,)).store
     target, source = common.find_frames(store, *frames)
     return store.trajectory(target, source, missing="skip")

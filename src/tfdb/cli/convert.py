@@ -72,17 +72,17 @@ def command(
         raise click.UsageError(unknown_ending(out, known))
     if kind is not None and suffix in (*RECORDINGS, RERUN):
         raise click.UsageError(
-            f"--format goes with trajectories, and {out!r} is a recording by its ending"
+            f"--format is valid for trajectories, and {out!r} is a recording by its extension"
         )
     if foxglove and suffix != ".mcap":
         raise click.UsageError(f"--foxglove writes .mcap, not {out!r}")
     if compress and (foxglove or suffix == RERUN):
-        raise click.UsageError("--compress goes with recordings, not with a viewer's file")
+        raise click.UsageError("--compress is valid for recordings, not for a viewer's file")
     if (frames is not None) != is_trajectory:
         if is_trajectory:
             raise click.UsageError(f"{out!r} is a trajectory: name its --frames TARGET SOURCE")
         endings = ", ".join(TRAJECTORIES)
-        raise click.UsageError(f"--frames TARGET SOURCE goes with trajectories: {endings}")
+        raise click.UsageError(f"--frames TARGET SOURCE is valid for trajectories only: {endings}")
     inputs = common.find_paths(files)
     common.check_output(out, inputs, overwrite=overwrite)
     if frames is not None:

@@ -121,7 +121,9 @@ def command(
             echo(live, question.plain(), None if each else 1 / rate, printer, limit)
         return
     if each:
-        raise click.UsageError("--each is for what is live: a recording is walked through at -r")
+        raise click.UsageError(
+            "--each is valid for live stores and graphs only; -r sets the rate for a recording"
+        )
     loaded = common.load((file,))
     answered = False
     for now in _steps(loaded, question.found_in(loaded), rate, limit):

@@ -61,7 +61,7 @@ def command(
         return
     out = layout.console()
     if found:
-        out.print(layout.table(_COLUMNS, [_row(hole) for hole in found]))
+        out.print(layout.table(_COLUMNS, [_row(hole, max_gap) for hole in found]))
     else:
         frames = counted(len(loaded.store.frames()), "frame")
         text = f"no gaps in {counted(arrivals.log.count, 'transform')} of {frames}"
@@ -94,15 +94,22 @@ _COLUMNS = (
 )
 
 
-def _row(hole: Hole) -> tuple[Any, ...]:
+def _row(hole: Hole, limit: int | None) -> tuple[Any, ...]:
     before, after = hole.publisher_before, hole.publisher_after
     return (
         hole.frame,
         hole.parent,
         format_ns(hole.gap.before),
         format_date(hole.gap.before),
-        layout.loud(format_duration(hole.gap.length)),
+        layout.loud(_length(hole.gap.length, limit)),
         format_duration(hole.period),
         before,
         layout.loud(after) if after != before else after,
     )
+
+
+def _length(length: int, limit: int | None) -> str:
+    """Describe a length. One that would be rounded to the limit gets all its digits."""
+    text = format_duration(length)
+    rounded = limit is not None and text == format_duration(limit)
+    return f"{format_ns(length)} s" if rounded else text

@@ -201,7 +201,7 @@ def open_graph(name: str, *, waits: bool = False) -> Iterator[tuple[Node, thread
                 open_node(side, own, where=where, arguments=arguments, without_ros=wire)
             )
 
-        node = _once_there(join) if waits else join()
+        node = _join_when_up(join) if waits else join()
 
         def look(_now: int) -> None:
             if node.closed and not leaves.is_set():
@@ -214,7 +214,7 @@ def open_graph(name: str, *, waits: bool = False) -> Iterator[tuple[Node, thread
             leaves.set()
 
 
-def _once_there(join: Callable[[], Node]) -> Node:
+def _join_when_up(join: Callable[[], Node]) -> Node:
     told = False
     while True:
         try:

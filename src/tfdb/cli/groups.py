@@ -48,7 +48,8 @@ class SuggestingCommand(click.Command):
                 raise
             said = error.format_message().rstrip(".")
             raise click.UsageError(
-                f"{said}; a name that begins with a dash, such as {glued[0]}, goes behind --", ctx
+                f"{said}; a name that begins with a dash, such as {glued[0]}, must come after --",
+                ctx,
             ) from error
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -199,5 +200,5 @@ def describe_unknown_option(error: click.NoSuchOption) -> str:
     if near:
         return f"{said}; did you mean {' or '.join(near)}?"
     if isinstance(command, SuggestingCommand) and any(map(_may_have_dash, params)):
-        return f"{said}; a name that begins with a dash goes behind --"
+        return f"{said}; a name that begins with a dash must come after --"
     return said

@@ -55,7 +55,7 @@ def command(
 
     The line 'limited by' names the moving edge with the widest gap or the oldest sample.
     """
-    loaded = common.load((file, *more), there=lambda s: _is_there(s, target, source, time))
+    loaded = common.load((file, *more), there=lambda s: _is_answered(s, target, source, time))
     store = loaded.store
     target, source = common.find_frames(store, target, source)
     stamp = time.resolve(loaded.span)
@@ -72,7 +72,7 @@ def command(
         _show(found, loaded.span)
 
 
-def _is_there(store: Buffer, target: str, source: str, time: TimeSpec) -> bool:
+def _is_answered(store: Buffer, target: str, source: str, time: TimeSpec) -> bool:
     """Whether what was heard of a graph answers; what counts from its span needs all of it."""
     names = target.removeprefix("/"), source.removeprefix("/")
     return not time.since and store.can_transform(*names, time.ns)

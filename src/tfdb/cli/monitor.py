@@ -109,7 +109,7 @@ def command(
     expected = None if expect is None else tfdb.Expectations.read(expect)
     screen = Screen(file, chain, as_json=as_json)
     if not common.is_live(file):
-        _tell_recording(file, chain, expected, screen)
+        _show_recording(file, chain, expected, screen)
         return
     refuse_selection((file,), "live", "it")
     with live_source(file, history=_KEPT) as live, screen:
@@ -163,7 +163,7 @@ class Watch:
         if self.judges:
             self.judge.feed(rows)
 
-    def look_at_chain(self, store: StoreReader, now: int) -> None:
+    def look_up_chain(self, store: StoreReader, now: int) -> None:
         """Look up the chain, and count its delay."""
         if self._chain is None:
             return
@@ -196,7 +196,7 @@ def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Scr
         stretches = follower.read(until)
         follower.take(stretches)
         if stretches:
-            watch.look_at_chain(live.store, live.now())
+            watch.look_up_chain(live.store, live.now())
         if time.monotonic() >= until:
             live.check()
             now = time.monotonic_ns()
@@ -207,15 +207,15 @@ def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Scr
             shown = max(shown + every / NS, time.monotonic())
 
 
-def _tell_recording(
+def _show_recording(
     file: str, chain: tuple[str, str] | None, expected: Expectations | None, screen: Screen
 ) -> None:
     """Play a recording, as fast as it goes, and say what was in it."""
     (path,) = common.find_paths((file,))
     if is_frozen(path):
         raise click.UsageError(
-            f"{file} is a frozen store: it has no arrival times; give the recording that it was "
-            "made of"
+            f"{file} is a frozen store, which has no arrival times; give the recording that it was "
+            "made from"
         )
     reader = ArrivalReader(lambda source: source.authority)
     loaded = common.load([file], arrivals=reader)
@@ -247,7 +247,7 @@ def _play(path: Path, watch: Watch, chain: tuple[str, str]) -> None:
                 before = store.commit
                 tally.store(one, recordings.choice, rewriter)
                 if store.commit != before:
-                    watch.look_at_chain(store, one.start)
+                    watch.look_up_chain(store, one.start)
     common.find_frames(store, *chain)
 
 

@@ -160,7 +160,7 @@ def _check_options(kind: str, comparing: Iterable[str]) -> None:
         fits = kinds.get(str(param.name), KINDS)
         if given and kind not in fits:
             raise click.UsageError(
-                f"{param.opts[0]} goes with {' and '.join(fits)}, not with {kind}"
+                f"{param.opts[0]} is valid with {' and '.join(fits)}, not with {kind}"
             )
 
 

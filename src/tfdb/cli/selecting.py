@@ -106,7 +106,7 @@ def _names(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
         if not (old and colon and new):
             raise click.BadParameter(f"{text!r} is not FROM:=TO", ctx, param)
         if pairs.setdefault(old, new) != new:
-            raise click.BadParameter(f"{old!r} is given two names", ctx, param)
+            raise click.BadParameter(f"{old!r} has two new names", ctx, param)
     return pairs
 
 
@@ -119,7 +119,7 @@ def _poses(
         if not topic or (equals and not child):
             raise click.BadParameter(f"{text!r} is not TOPIC or TOPIC=CHILD", ctx, param)
         if topics.setdefault(topic, child or None) != (child or None):
-            raise click.BadParameter(f"{topic!r} is given two frames", ctx, param)
+            raise click.BadParameter(f"{topic!r} has two frames", ctx, param)
     return topics
 
 
@@ -163,10 +163,10 @@ def time_bounds() -> dict[str, TimeSpec]:
 def refuse_selection(names: Sequence[str], what: str, how: str) -> None:
     """Refuse what goes with recordings only, where `names[0]` is `what`, given as `how`."""
     if len(names) > 1:
-        raise click.UsageError(f"{what} is read alone: give {how} without other files")
+        raise click.UsageError(f"{what} cannot be combined with other files: give {how} alone")
     if flags := ", ".join(sorted(map(flag_of, given()))):
         raise click.UsageError(
-            f"{names[0]} is {what}, read as a whole: {flags} goes with recordings"
+            f"{names[0]} is {what}, read as a whole: {flags} is valid for recordings only"
         )
 
 

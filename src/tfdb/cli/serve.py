@@ -88,12 +88,12 @@ def follow(
     try:
         following.run()
     except KeyboardInterrupt:
-        _say_followed(following.report(1, whole=False), file, name, as_json=as_json)
+        _show_followed(following.report(1, whole=False), file, name, as_json=as_json)
         raise
-    _say_followed(following.report(1), file, name, as_json=as_json)
+    _show_followed(following.report(1), file, name, as_json=as_json)
 
 
-def _say_followed(report: LoadReport, file: str, name: str, *, as_json: bool) -> None:
+def _show_followed(report: LoadReport, file: str, name: str, *, as_json: bool) -> None:
     if as_json:
         shown = {"messages": report.messages, "transforms": report.transforms}
         more = {
@@ -174,11 +174,11 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
             live.sleep(math.inf)
             live.check()
         finally:
-            body, text = told_of(live, began)
+            body, text = describe_graph(live, began)
             say_end(graph, name, "serve", body, text, as_json=as_json)
 
 
-def told_of(live: Live, began: float) -> tuple[dict[str, Any], str]:
+def describe_graph(live: Live, began: float) -> tuple[dict[str, Any], str]:
     """What a graph brought into a store, as JSON and as text."""
     commits, infos = live.store.commit - live.commit, live.store.tree()
     found = span(infos)

@@ -90,28 +90,28 @@ def command(
     """
     given = {name: value for name, value in numbers.items() if value is not None}
     if selecting.given() and not sources:
-        raise click.UsageError("--topic, --by-namespace and --mix go with --from")
+        raise click.UsageError("--topic, --by-namespace and --mix need --from")
     transforms = [one for name in sources for one in _read(name)]
     if values:
         if given or frame or child:
-            raise click.UsageError("give the transform by place or by flags, not both")
+            raise click.UsageError("give the transform by arguments or by options, not both")
         transforms.append(_by_place(values))
     elif given or frame or child or not sources:
         transforms.append(_by_flags(given, frame, child))
     if not transforms:
-        raise click.UsageError(f"{', '.join(sources)}: no static transforms in it")
+        raise click.UsageError(f"{', '.join(sources)}: no static transforms found")
     # What no store takes is refused in its words, before anybody gets it.
     tfdb.Buffer().set_transforms(transforms, static=True)
     if is_graph(where):
         with open_graph(where) as (node, ended):
             _publish(node, transforms)
-            _say(where, node.name, transforms, as_json=as_json)
+            _show_published(where, node.name, transforms, as_json=as_json)
             wait_for_end(node, ended)
     if not where.startswith(STORE):
         raise click.UsageError(f"{where!r} is neither a graph, ros1: or ros2:, nor shm:NAME")
     with tfdb.Buffer.open(where.removeprefix(STORE)) as store:
         store.set_transforms(transforms, static=True, authority="tfdb static-publisher")
-    _say(where, "", transforms, as_json=as_json)
+    _show_published(where, "", transforms, as_json=as_json)
 
 
 def _publish(node: Node, transforms: Sequence[tfdb.TransformStamped]) -> None:
@@ -120,7 +120,7 @@ def _publish(node: Node, transforms: Sequence[tfdb.TransformStamped]) -> None:
     publisher.publish(tfdb.encode_tf_message(stamped, node.encoding))
 
 
-def _say(
+def _show_published(
     where: str, node: str, transforms: Sequence[tfdb.TransformStamped], *, as_json: bool
 ) -> None:
     if as_json:
@@ -199,9 +199,11 @@ def _of_json(name: str) -> Iterator[tfdb.TransformStamped]:
 def _of_object(one: Any) -> tfdb.TransformStamped:
     """Make the transform of a JSON object. Raises ValueError."""
     if not isinstance(one, dict) or not {"parent", "child"} <= set(one) <= _KEYS:
-        raise ValueError(f"an object needs parent, child and some of {', '.join(sorted(_KEYS))}")
+        raise ValueError(
+            f"an object must have parent and child; valid keys are {', '.join(sorted(_KEYS))}"
+        )
     if not all(isinstance(one[key], str) for key in ("parent", "child")):
-        raise ValueError("parent and child are names")
+        raise ValueError("parent and child must be strings")
     if "rotation_xyzw" in one and "rpy_deg" in one:
         raise ValueError("rotation_xyzw and rpy_deg exclude each other")
     place = _list_of(one, "translation", [0.0, 0.0, 0.0])
@@ -216,5 +218,5 @@ def _list_of(one: dict[str, Any], key: str, default: list[float]) -> list[float]
     found = one.get(key, default)
     numbers = found if isinstance(found, list) else []
     if len(numbers) != len(default) or not all(isinstance(each, int | float) for each in numbers):
-        raise ValueError(f"{key} is not a list of {len(default)} numbers")
+        raise ValueError(f"{key} must be a list of {len(default)} numbers")
     return numbers

@@ -253,8 +253,8 @@ def _recording(file: str, expected: Expectations | None) -> Model:
     if is_frozen(path):
         if expected is not None:
             raise click.UsageError(
-                f"{file} is a frozen store: it has no arrival times to judge; give the recording "
-                "that it was made of"
+                f"{file} is a frozen store, which has no arrival times; give the recording that it "
+                "was made from"
             )
         refuse_selection((file,), "a frozen store", "FILE.tfdb")
         return Model(tfdb.open(path), file, opening=f"buf = tfdb.open({file!r})")

@@ -62,11 +62,11 @@ def command(
 
     if not common.is_live(file):
         raise click.UsageError(
-            f"{file} is not live: give shm:NAME, ros1: or ros2:; 'tfdb check --expect' judges a "
+            f"{file} is not live: give shm:NAME, ros1: or ros2:; 'tfdb check --expect' checks a "
             "recording"
         )
     if diagnostics and not is_graph(file):
-        raise click.UsageError(f"--diagnostics goes with ros1: or ros2:, and {file} is a store")
+        raise click.UsageError(f"--diagnostics needs ros1: or ros2:, and {file} is a store")
     expected = Expectations.read(expect)
     counts: Counter[str] = Counter()
     with live_source(file, history=_KEPT) as live:

@@ -17,7 +17,7 @@ from tfdb.trajectories.trajectory import Trajectory
 from .alignment import MODES, NEEDED, align
 from .association import associate
 from .comparison import Comparison, Errors
-from .inputs import Reading, goes_by_rows, to_trajectory
+from .inputs import Reading, pairs_by_row, to_trajectory
 from .pairs import UNITS, check_delta, find_pairs
 from .poses import angles, distances, relative
 from .quaternion_order import order_hint
@@ -135,7 +135,7 @@ def compare(
     _number("delta_tolerance", delta_tolerance)
     check_delta(delta, delta_unit)
     fitted = _fitted(align_poses, align)
-    if association == "interpolate" and goes_by_rows(reference, estimate, delta_unit):
+    if association == "interpolate" and pairs_by_row(reference, estimate, delta_unit):
         association = "rows"
     if association == "rows" and (given_offset != 0 or limit is not None):
         reason = "association='rows' ignores stamps: give no offset and no max_diff"

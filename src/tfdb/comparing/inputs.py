@@ -82,7 +82,7 @@ def to_trajectory(
     return checked(trajectory, role)
 
 
-def goes_by_rows(reference: Any, estimate: Any, delta_unit: object) -> bool:
+def pairs_by_row(reference: Any, estimate: Any, delta_unit: object) -> bool:
     """Whether both are files of KITTI poses, of which one has no stamps.
 
     Raises InvalidArgument for a `delta_unit` of seconds, which they do not have.
@@ -120,7 +120,7 @@ def looked_up(
         chain = longest_moving_chain(reads.tree())
         hint = f", such as {chain!r}" if chain else ""
         raise InvalidArgument(
-            f"the {role} holds many frames: give {parameter}=(target, source){hint}"
+            f"the {role} has many frames: pass {parameter}=(target, source){hint}"
         )
     return checked(reads.trajectory(frames[0], frames[1], missing="skip"), role)
 

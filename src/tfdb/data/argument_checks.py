@@ -23,7 +23,9 @@ def check_flag(name: str, value: Any) -> bool:
             return bool(value)
         except Exception as error:
             cause = error
-    raise InvalidArgument(f"{name} is True or False, got {shown(value)}", value=value) from cause
+    raise InvalidArgument(
+        f"{name} must be True or False, got {shown(value)}", value=value
+    ) from cause
 
 
 def check_callable(role: str, function: object) -> None:
@@ -39,7 +41,9 @@ def check_count(name: str, value: Any) -> int:
     except TypeError:
         count = None
     if count is None or count < 1:
-        raise InvalidArgument(f"{name} must be 1 or more, got {shown(value)}", value=value)
+        raise InvalidArgument(
+            f"{name} must be an integer of at least 1, got {shown(value)}", value=value
+        )
     return count
 
 
@@ -91,4 +95,4 @@ def _question(value: Any, words: Collection[str]) -> str:
 def refuse_without(value: Any, name: str, what: str, *attributes: str) -> None:
     """Raise TypeError for an object without these attributes; `what` is expected."""
     if isinstance(value, ModuleType) or not all(hasattr(value, each) for each in attributes):
-        raise TypeError(f"{name} is {what}, got {shown(value)}")
+        raise TypeError(f"{name} must be {what}, got {shown(value)}")

@@ -33,9 +33,11 @@ def check_path(path: Any, refusal: Refusal = invalid) -> Path:
         path = os.fspath(path)
     if not isinstance(path, str):
         got = type(path).__name__
-        raise InvalidArgument(f"a path is a str or an os.PathLike of str, got {got}", value=path)
+        raise InvalidArgument(
+            f"a path must be a str or an os.PathLike of str, got {got}", value=path
+        )
     if not path:
-        raise InvalidArgument("the path is empty: it names no file", value=path)
+        raise InvalidArgument("the path is empty: give the name of a file", value=path)
     made = Path(path)
     try:
         if b"\0" not in os.fsencode(path):

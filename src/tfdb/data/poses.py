@@ -35,7 +35,7 @@ def doubles(values: Any) -> Array:
 
     array = np.asarray(values)
     if array.dtype.kind not in "biufO":
-        raise TypeError(f"{array.dtype} holds no real numbers")
+        raise TypeError(f"{array.dtype} is not a type of real numbers")
     if array.dtype.kind == "O":  # of libraries that have a null of their own
         try:
             array = np.asarray(values, np.float64)

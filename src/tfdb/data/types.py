@@ -198,7 +198,7 @@ class TransformStamped:  # noqa: PLW1641 - dataclass makes __hash__
             parts = pose_parts(parent, child, translation, rpy, wxyz)
             translation, rotation = parts or (translation, (0.0, 0.0, 0.0, 1.0))
         elif rpy is not None or wxyz is not None:
-            raise InvalidArgument("give one of rotation, rpy and wxyz, not more")
+            raise InvalidArgument("rotation, rpy and wxyz exclude each other; pass one")
         values = (parent, child, stamp, translation, rotation)
         for name, value in zip(TransformStamped.__slots__, values, strict=True):
             object.__setattr__(self, name, value)

@@ -109,27 +109,29 @@ def expectations_of(given: str | Expectations, child: str | None, limits: Any) -
         if child is not None or limits:
             named = "child" if child is not None else next(iter(limits))
             raise InvalidArgument(
-                f"{named} is given with Expectations, which hold all limits; give one of the two"
+                f"{named} cannot be combined with an Expectations object; pass one of the two"
             )
         return given
     if child is None:
         raise InvalidArgument(
-            f"give parent and child, or Expectations; got {shown(given)} alone", value=given
+            f"child is missing: pass parent and child, or an Expectations object; got "
+            f"{shown(given)}",
+            value=given,
         )
     return Expectations([Expectation(given, child, **limits)])
 
 
 def _check_enforceable(buffer: Buffer, expectations: Expectations) -> None:
     if not lifespans([(expectations, True)]):
-        raise InvalidArgument("enforce=True needs a lifespan; give one")
+        raise InvalidArgument("enforce=True needs an expectation with lifespan")
     if expectations.clock != "stamps":
         raise InvalidArgument(
-            "enforce=True needs the clock 'stamps': a store does not keep when a sample arrived"
+            "enforce=True needs the clock 'stamps': a store does not record arrival times"
         )
     if buffer._clock is not None:
         raise InvalidArgument(
-            "enforce=True goes by the clock of the store, buf.clock, and this buffer has a clock "
-            "of its own; make the buffer without clock="
+            "enforce=True uses the store's clock, but this buffer was made with clock=; make it "
+            "without"
         )
 
 

@@ -65,7 +65,7 @@ class Expectation:
         if self.is_exact and self.parent == self.child:
             raise InvalidArgument(f"parent and child are both {self.parent!r}; name two frames")
         if not isinstance(self.authority, Iterable):
-            raise TypeError(f"authority is {shown(self.authority)}; give a name, or a list")
+            raise TypeError(f"authority must be a name or several, got {shown(self.authority)}")
         names = (self.authority,) if isinstance(self.authority, str) else tuple(self.authority)
         object.__setattr__(self, "authority", names)
         for each in names:
@@ -171,12 +171,12 @@ class Expectations:
     def __post_init__(self) -> None:
         check_word("clock", self.clock, ("stamps", "arrival"))
         if not isinstance(self.default, Expectation):
-            raise TypeError(f"default is {shown(self.default)}; give an Expectation")
+            raise TypeError(f"default must be an Expectation, got {shown(self.default)}")
         for name, kind in (("edges", Expectation), ("authorities", AuthorityExpectation)):
             given = tuple(getattr(self, name))
             for each in given:
                 if not isinstance(each, kind):
-                    raise TypeError(f"{name} holds {shown(each)}; give {kind.__name__}s")
+                    raise TypeError(f"{name} must contain only {kind.__name__}, got {shown(each)}")
             object.__setattr__(self, name, given)
         _check_contradictions(self.edges, self.authorities)
 
@@ -210,7 +210,7 @@ def joined(parts: Sequence[Expectations]) -> Expectations:
         text = "clock is 'stamps' of some expectations and 'arrival' of others; give one to all"
         raise InvalidArgument(text)
     if len(defaults) > 1:
-        raise InvalidArgument("default is given twice; join the two, or name edges")
+        raise InvalidArgument("two of the Expectations have a default; combine them, or name edges")
     return Expectations(
         [edge for each in parts for edge in each.edges],
         [authority for each in parts for authority in each.authorities],
@@ -327,7 +327,7 @@ def _quantity(name: str, value: object, units: Mapping[str, float]) -> float:
 
 def _check_severity(given: Mapping[str, Severity]) -> None:
     if not isinstance(given, Mapping):
-        raise TypeError(f"severity is {shown(given)}; give a mapping of kinds to severities")
+        raise TypeError(f"severity must map event kinds to severities, got {shown(given)}")
     for kind, severity in given.items():
         check_word("severity", kind, EVENT_KINDS)
         check_word("severity", severity, get_args(Severity))
@@ -345,23 +345,23 @@ def _check_contradictions(
             raise InvalidArgument(text, index=index)
         for kind in CLOCKS:
             if kind in each.severity:
-                text = f"{kind} is an event of all edges; give its severity in the default"
+                text = f"{kind} is an event of all edges; set its severity in the default"
                 raise InvalidArgument(text, index=index)
         if (each.parent, each.child) in pairs:
-            text = f"edge {each.parent} -> {each.child} is expected twice; join the two"
+            text = f"edge {each.parent} -> {each.child} has two expectations; combine them"
             raise InvalidArgument(text, index=index)
         pairs.add((each.parent, each.child))
         if each.is_exact and parents.setdefault(each.child, each.parent) != each.parent:
             text = (
-                f"{each.child} is expected below {parents[each.child]} and below {each.parent}; "
-                "a frame has one parent"
+                f"{each.child} is expected with two parents, {parents[each.child]} and "
+                f"{each.parent}; a frame has one parent"
             )
             raise InvalidArgument(text, index=index)
     names = [each.name for each in authorities]
     if len(set(names)) < len(names):
         twice = _first_twice(names)
         index = names.index(twice, names.index(twice) + 1)
-        raise InvalidArgument(f"authority {twice} is expected twice; join the two", index=index)
+        raise InvalidArgument(f"authority {twice} has two expectations; combine them", index=index)
 
 
 def _first_twice(names: Sequence[str]) -> str:

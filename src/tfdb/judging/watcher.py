@@ -172,7 +172,7 @@ class Watcher:
     def drain(self, timeout: float | None) -> bool:
         """Wait until all commits so far, and the time until now, are judged and told."""
         if threading.current_thread() is self._thread:
-            raise InvalidArgument("drain() in on_event would wait for that function itself")
+            raise InvalidArgument("drain() cannot be called in on_event: it would wait for itself")
         until = None if timeout is None else time.monotonic() + timeout
         _ = self._buffer.commit
         with self._lock:

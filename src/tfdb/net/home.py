@@ -112,7 +112,7 @@ class Home(Closable):
         try:
             self._declared.append(publisher)
             self._declared.append(link.serve(name, self._answer))
-            self._declared.append(link.watch(name, self._see))
+            self._declared.append(link.watch(name, self._on_token))
             self._declared.append(link.report(name, "home", self._report))
             self._declared.append(link.announce(name, Token("home", epoch)))
         except BaseException:
@@ -244,7 +244,7 @@ class Home(Closable):
         """
         self._leave()  # before others see the state: a home may begin at once
         self._state = "fenced"
-        heard = self._hear_later(later)
+        heard = self._wait_for_later_head(later)
         if heard:
             later = heard[-1].epoch
         forks = [each.fork for each in heard if each.previous == self.epoch]
@@ -263,7 +263,7 @@ class Home(Closable):
         before = None if fork is None else (self.epoch, fork)
         self._log.add("fenced", text, before, (self.epoch, commit))
 
-    def _hear_later(self, later: Epoch) -> list[Head]:
+    def _wait_for_later_head(self, later: Epoch) -> list[Head]:
         """Wait for a head of the later home: of the latest one, if there are several by now.
 
         Returns all that came, sorted by epoch; none: 2 s were over.
@@ -326,7 +326,7 @@ class Home(Closable):
 
     # -- threads of the link -----------------------------------------------------------------------
 
-    def _see(self, token: Token, alive: bool) -> None:
+    def _on_token(self, token: Token, alive: bool) -> None:
         if alive and token.role == "home":
             self._is_seen = self._is_seen or token.epoch == self.epoch
             self._meet(token.epoch)
@@ -487,5 +487,5 @@ def link_of(session: Session | None) -> Iterator[tuple[Link, Link | None]]:
             raise
         return
     if not isinstance(session, Session):
-        raise TypeError(f"session is a tfdb.net.Session, got {type(session).__name__}")
+        raise TypeError(f"session must be a tfdb.net.Session, got {type(session).__name__}")
     yield session.link, None

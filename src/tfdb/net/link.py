@@ -79,8 +79,8 @@ def status_key(name: str, role: Role) -> str:
 def check_network_name(name: Any) -> str:
     """Return the name of a namespace. Raises InvalidName."""
     if not isinstance(name, str) or not _NAME.fullmatch(name) or len(name) > _MOST:
-        text = f"{shown(name)} is not the name of a namespace: it has up to {_MOST} letters, "
-        text += "digits, _ - . and single / between, such as robot1 or site2/robot1"
+        text = f"{shown(name)} is not a valid namespace: it must be 1 to {_MOST} letters, digits, "
+        text += "_ - . and single / between, such as robot1 or site2/robot1"
         raise InvalidName(text, value=name)
     return name
 

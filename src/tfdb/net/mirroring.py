@@ -95,8 +95,8 @@ class Mirror(Closable):
         self._announced: Epoch = NONE
         self._declared: list[Declared] = []
         try:
-            self._declared.append(link.hear(name, self._hear))
-            self._declared.append(link.watch(name, self._see))
+            self._declared.append(link.hear(name, self._on_message))
+            self._declared.append(link.watch(name, self._on_token))
             self._declared.append(link.report(name, "mirror", self._report))
         except BaseException:
             self._leave()
@@ -188,7 +188,7 @@ class Mirror(Closable):
             raise InvalidArgument(f"the mirror of {self._name!r} is closed")
         text = f"the mirror of {self._name!r} is {state}, not live, after {timeout} s"
         if state == "absent":
-            text += ": check the home's name, and that both reach one router"
+            text += ": check the home's name, and that both use the same router"
         raise WaitTimeout(text)
 
     def promote(
@@ -249,13 +249,15 @@ class Mirror(Closable):
         if self._is_closing or self._error is not None:
             raise InvalidArgument(f"{text}it is {self.state}")
         if not self._is_whole:
-            raise InvalidArgument(f"{text}its frames have other names than the home's")
+            raise InvalidArgument(f"{text}its frame names differ from the home's")
         if others := [
             each.source for each in self._buffer.positions() if each.source != self._name
         ]:
-            raise InvalidArgument(f"{text}its store is a copy of {others[0]!r} as well")
+            raise InvalidArgument(f"{text}its store also has frames of source {others[0]!r}")
         if not self._was_live and not force:
-            text += "it never was live, so that it may lack anything; force=True does it"
+            text += (
+                "it was never live, so its data may be incomplete; force=True promotes it anyway"
+            )
             raise InvalidArgument(text)
 
     def close(self) -> None:
@@ -276,7 +278,7 @@ class Mirror(Closable):
 
     # -- threads of the link -----------------------------------------------------------------------
 
-    def _hear(self, data: bytes) -> None:
+    def _on_message(self, data: bytes) -> None:
         self._inbox.append(data)
         # A thread that had the lock looks at the inbox again after its release.
         while self._inbox and self._lock.acquire(blocking=False):
@@ -285,7 +287,7 @@ class Mirror(Closable):
             finally:
                 self._lock.release()
 
-    def _see(self, token: Token, alive: bool) -> None:
+    def _on_token(self, token: Token, alive: bool) -> None:
         self._tokens.append((token, alive))
         self._wake.set()
 
@@ -395,7 +397,7 @@ def _check_part(what: str, value: Any, behind: str = "") -> str:
         text.encode()
         if Buffer._may_be_frame(text + behind):
             return text
-    said = f"{what}: {shown(text)} cannot be in the name of a frame: a name has 1 to 1024 bytes of "
+    said = f"{what}: {shown(text)} is not valid in a frame name, which has 1 to 1024 bytes of "
     raise InvalidName(f"{said}UTF-8 and no control characters", value=value)
 
 
@@ -454,12 +456,12 @@ def mirror(
     prefix = _check_part("prefix", prefix, behind="x")
     max_lag = None if max_lag is None else check_count("max_lag", max_lag)
     if not isinstance(shared, Iterable):
-        raise TypeError(f"shared must be a str, or several, got {type(shared).__name__}")
+        raise TypeError(f"shared must be a frame name or several, got {type(shared).__name__}")
     names = [
         _check_part("shared", each) for each in ([shared] if isinstance(shared, str) else shared)
     ]
     if publishes(into, name):
-        text = f"this process publishes this store as {name!r} itself: mirror it into another one"
+        text = f"into is the store that this process publishes as {name!r}: use another store"
         raise InvalidArgument(text)
     with link_of(session) as (link, owned):
         step_back(into, name, [each.epoch for _, each in link.tokens(name) if each.role == "home"])

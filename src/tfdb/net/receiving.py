@@ -116,7 +116,7 @@ class Receiver:
 
     def take(self, data: bytes, now: float) -> None:
         """Take a message of the log, or of an answer. Raises what ends the mirror."""
-        if data[:FRONT] == self._expected and self._go_on(data, now):
+        if data[:FRONT] == self._expected and self._apply_next(data, now):
             return
         try:
             message = message_of(data)
@@ -134,7 +134,7 @@ class Receiver:
         self._expected = self._front()
         self.tick(now)
 
-    def _go_on(self, data: bytes, now: float) -> bool:
+    def _apply_next(self, data: bytes, now: float) -> bool:
         """Take the commits that are next: the usual case, in which `apply` judges all."""
         try:
             position = self._buffer.apply(data, **self._options)
@@ -208,7 +208,7 @@ class Receiver:
 
     def question(self, now: float) -> Question | None:
         """Return the question that is due; `answered` must follow. None: nothing is to be asked."""
-        if self._asked is not None or now < self._ask_at or not self._is_to_ask():
+        if self._asked is not None or now < self._ask_at or not self._must_ask():
             return None
         self.questions += 1
         self._asked, self._newest_asked = self._place(), self.newest
@@ -222,7 +222,7 @@ class Receiver:
     def due(self, now: float) -> float:
         """Return in how many seconds `tick` or `question` is to be called."""
         at = self._heard + SILENCE if self.state in ("catching up", "live") else now + SILENCE
-        if self._asked is None and self._is_to_ask():
+        if self._asked is None and self._must_ask():
             at = min(at, self._ask_at)
         return min(max(at - now, 0.0) + 0.001, SILENCE)
 
@@ -248,8 +248,8 @@ class Receiver:
         """Leave all earlier epochs. Raises InvalidArgument: the store would follow itself."""
         if epoch > self.known:
             if epoch == self._buffer.epoch:
-                text = f"the home of {self._options['source']!r} publishes this store itself: "
-                raise InvalidArgument(f"{text}mirror it into another one")
+                text = f"the home of {self._options['source']!r} publishes this same store: "
+                raise InvalidArgument(f"{text}mirror it into another store")
             self.known, self.newest, self._head = epoch, 0, None
             self._waiting.clear()
             self._parts.clear()
@@ -271,7 +271,7 @@ class Receiver:
         except TfdbError as error:  # a state brings it there
             self._refuse(error)
             self._wants_state = True
-        self._look_again()
+        self._reload_position()
         self._apply_waiting()
 
     def _note(self, commit: int) -> None:
@@ -348,10 +348,10 @@ class Receiver:
         except _ENDS:
             raise
         except (OutOfOrder, Fenced):  # another process applies to the same store
-            self._look_again()
+            self._reload_position()
             return False
         except TfdbError as error:
-            self._look_again()  # of these commits some may be applied
+            self._reload_position()  # of these commits some may be applied
             self._refuse(error)
             self._wants_state = True
             return False
@@ -367,7 +367,7 @@ class Receiver:
             self._last_refusal = str(error)
             self._log.add("refused", f"{type(error).__name__}: {error}")
 
-    def _look_again(self) -> None:
+    def _reload_position(self) -> None:
         self.position = self._stored()
         if self.position is not None:
             self._follow(self.position.epoch)
@@ -386,7 +386,7 @@ class Receiver:
             return self.known > NONE
         return position.commit < self.newest
 
-    def _is_to_ask(self) -> bool:
+    def _must_ask(self) -> bool:
         return self._is_outdated or self._is_behind()
 
     def _place(self) -> tuple[object, ...]:

@@ -102,7 +102,7 @@ def secure(
     }
     if allow is not None:
         if not here:
-            raise InvalidArgument("allow is for a process that listens: give it to the router")
+            raise InvalidArgument("allow needs listen: only a router controls access")
         config["access_control"] = _access_control(own, _checked(allow))
     return config
 
@@ -111,7 +111,7 @@ def _secure_endpoints(name: str, value: str | Iterable[str]) -> list[str]:
     found = check_endpoints(name, value, _ROUTER)
     for each in found:
         if not each.startswith("tls/"):
-            text = f"{name} of secure has endpoints such as {_ROUTER}, got {shown(each)}"
+            text = f"{name} of secure must have endpoints such as {_ROUTER}, got {shown(each)}"
             raise InvalidArgument(text, value=each)
     return found
 
@@ -119,11 +119,17 @@ def _secure_endpoints(name: str, value: str | Iterable[str]) -> list[str]:
 def _checked(allow: Any) -> dict[str, dict[str, Access]]:
     """Return the access by certificate and namespace; `ALL`: all."""
     if not isinstance(allow, Mapping):
-        raise InvalidArgument('allow is such as {"fleet-reader": "read"}', value=allow)
+        raise InvalidArgument(
+            'allow must map common names to access, such as {"fleet-reader": "read"}, got '
+            f"{shown(allow)}",
+            value=allow,
+        )
     found: dict[str, dict[str, Access]] = {}
     for user, what in allow.items():
         if not isinstance(user, str) or not user:
-            raise InvalidArgument(f"allow has common names of certificates, got {shown(user)}")
+            raise InvalidArgument(
+                f"allow: a key must be a certificate's common name, got {shown(user)}"
+            )
         by_name = what if isinstance(what, Mapping) else {ALL: what}
         for name, access in by_name.items():
             if name != ALL:
@@ -159,7 +165,7 @@ def _common_name(ca: str, cert: str, key: str) -> str:
     try:
         waiting = ends
         while waiting:
-            waiting = [each for each in waiting if not _goes_on(each)]
+            waiting = [each for each in waiting if not _handshake_is_done(each)]
     except ssl.SSLError as error:
         text = f"{cert} is not a valid certificate of {ca} for both ends of a connection: {error}"
         raise InvalidArgument(text, value=cert) from error
@@ -171,7 +177,7 @@ def _common_name(ca: str, cert: str, key: str) -> str:
     return str(names[0])
 
 
-def _goes_on(end: ssl.SSLObject) -> bool:
+def _handshake_is_done(end: ssl.SSLObject) -> bool:
     """Make a step of a handshake; returns whether it is done."""
     try:
         end.do_handshake()

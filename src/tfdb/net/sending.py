@@ -42,8 +42,8 @@ def epoch_after(latest: Epoch) -> Epoch:
     """Return an epoch that no home had, later than `latest`. Raises InvalidArgument: none is."""
     number = max(time.time_ns(), latest.number + 1)
     if number >= MOST_NUMBER:
-        text = f"no home can follow epoch {latest.number}, which a token or a position has: it is "
-        text += "the last one. Close what announces it, or use another name"
+        text = f"epoch {latest.number} of a token or a position is the last one, so no home can "
+        text += "follow it. Close the home that announces it, or use another name"
         raise InvalidArgument(text, value=latest.number)
     return Epoch(number, os.urandom(16))
 

@@ -6,7 +6,7 @@ import json
 import math
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from tfdb._core import duration_to_nanoseconds
@@ -18,7 +18,7 @@ from tfdb.data.stamps import shown
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from .link import Link
 
@@ -62,6 +62,8 @@ class Session(Closable):
     InvalidArgument
         `config` together with `connect` or `listen`; an invalid `config`; an endpoint that is not
         PROTOCOL/HOST:PORT; a negative `wait`.
+    TypeError
+        `connect` or `listen` is neither a text nor several.
     OSError
         The file cannot be read.
     """
@@ -78,7 +80,9 @@ class Session(Closable):
         there = check_endpoints("connect", connect, _ROUTER)
         here = check_endpoints("listen", listen, _ROUTER)
         if config is not None and (there or here):
-            raise InvalidArgument("config is given without connect and listen: it has them")
+            raise InvalidArgument(
+                "config cannot be combined with connect or listen: it contains the endpoints"
+            )
         seconds = math.inf if wait is None else duration_to_nanoseconds(wait, "wait") / 1e9
         if seconds < 0:
             raise InvalidArgument(f"wait must not be negative, got {wait!r}", value=wait)
@@ -149,12 +153,14 @@ def _read(config: str | os.PathLike[str] | Mapping[str, Any]) -> tuple[str, str]
 
 
 def check_endpoints(name: str, value: str | Iterable[str], example: str) -> list[str]:
-    """Return endpoints. Raises InvalidArgument."""
+    """Return endpoints. Raises TypeError, InvalidArgument."""
+    if not isinstance(value, Iterable):
+        raise TypeError(f"{name} must be an endpoint such as {example}, or several, got {value!r}")
     found: list[Any] = [value] if isinstance(value, str) else list(value)
     for each in found:
         why = _why_no_endpoint(each)
         if why:
-            text = f"{name} has endpoints such as {example}, got {shown(each)}: {why}"
+            text = f"{name} must have endpoints such as {example}, got {shown(each)}: {why}"
             raise InvalidArgument(text, value=each)
     return found
 

@@ -73,7 +73,7 @@ def configs_of(text: str, where: str) -> tuple[zenoh.Config, zenoh.Config]:
     try:
         data, tokens = zenoh.Config.from_json5(text), zenoh.Config.from_json5(text)
         for config in (data, tokens):
-            _close_what_is_open(config)
+            _disable_listening(config)
         own = listeners(tokens)
         if own:  # the tokens go through the router that the data's session is
             _set(tokens, "mode", "client")
@@ -95,7 +95,7 @@ def listeners(config: zenoh.Config) -> list[str]:
     return list(found)
 
 
-def _close_what_is_open(config: zenoh.Config) -> None:
+def _disable_listening(config: zenoh.Config) -> None:
     """Let a configuration neither listen nor search the network where it does not say so.
 
     Nor does it use Zenoh's shared memory: a process that is stopped for 0.1 s would lose a state,

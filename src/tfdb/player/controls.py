@@ -63,5 +63,5 @@ def obey(player: Player, line: str) -> None:
             _NUMBERED[word](player, value)
             return
         raise InvalidArgument(f"{word} needs a number, got {rest.strip()!r}", value=line)
-    text = f"{line.strip()!r}: the word is unknown; there are {', '.join(CONTROLS)}"
+    text = f"{line.strip()!r}: not a control; the controls are {', '.join(CONTROLS)}"
     raise InvalidArgument(text, value=line)

@@ -64,7 +64,11 @@ class Player:
         paused: bool = False,
     ) -> None:
         if not speed > 0:
-            raise InvalidArgument(f"speed must be above 0, got {speed:g}", value=speed)
+            raise InvalidArgument(f"speed must be positive, got {speed:g}", value=speed)
+        for position in store.positions():
+            if position.source != SOURCE:  # each prefix begins with the empty one of the player
+                text = f"the store has frames of source {position.source!r}: play into another"
+                raise InvalidArgument(f"{text} store", value=store)
         self._store, self._tape = store, tape
         self._history = store.history
         self._clock = store.clock
@@ -122,12 +126,12 @@ class Player:
 
     def seek(self, seconds: float) -> None:
         """Jump to a time after the recording's first message."""
-        self._orders.put(lambda: self._go_to((self._first or 0) + _nanoseconds(seconds)))
+        self._orders.put(lambda: self._jump_to((self._first or 0) + _nanoseconds(seconds)))
 
     def seek_by(self, seconds: float) -> None:
         """Jump forth or back."""
         now = self._clock.now
-        self._orders.put(lambda: self._go_to(now() - self.shift + _nanoseconds(seconds)))
+        self._orders.put(lambda: self._jump_to(now() - self.shift + _nanoseconds(seconds)))
 
     def step(self) -> None:
         """Pause, and play the next commit."""
@@ -283,7 +287,7 @@ class Player:
         """Go back to the first message; shift the stamps from now on, unless they are kept."""
         first = self._first or 0
         if self._keeps_stamps:
-            self._go_to(first)
+            self._jump_to(first)
             return
         length = self._position - first
         step = length // (self._count - 1) if self._count > 1 else 0
@@ -317,7 +321,7 @@ class Player:
     def _end(self) -> None:
         self._has_ended = True
 
-    def _go_to(self, at: int) -> None:
+    def _jump_to(self, at: int) -> None:
         """Jump, at most to the first message. At no moment has the store a stamp of the future."""
         at = min(max(at, self._first or 0), MAX_STAMP - self.shift)
         shown = at + self.shift
@@ -377,7 +381,7 @@ class Player:
     def _step_back(self) -> None:
         self._pause()
         last = self._time_below(self._position + 1)
-        self._go_to(-1 if last is None else self._time_below(last) or -1)
+        self._jump_to(-1 if last is None else self._time_below(last) or -1)
 
     def _time_below(self, limit: int) -> int | None:
         """When the last message before a time was received. None: there is none."""
@@ -406,7 +410,7 @@ class Player:
         at = position - round(passed * self._clock.speed * NS)
         if at < (self._first or 0):
             self._reversed = None
-        self._go_to(at)
+        self._jump_to(at)
 
 
 def _nanoseconds(seconds: float) -> int:

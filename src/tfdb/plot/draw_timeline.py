@@ -110,7 +110,7 @@ def timeline(
     """
     if not hasattr(store, "samples"):
         got = type(store).__name__
-        raise InvalidArgument(f"draw a store or a snapshot of one; got {got}", value=store)
+        raise InvalidArgument(f"store must be a Buffer or a Snapshot, got {got}", value=store)
     limit = None if max_gap is None else Interpolate(max_gap).limit_ns
     if not _is_width(width):
         raise InvalidArgument(f"width must be 5 to 100 inches, got {width!r}", value=width)
@@ -143,7 +143,7 @@ def timeline(
             1 - (head + _FOOT) / height,
         )
     )
-    _axes_look(axes, len(drawn), whole, (width * 72 - left - right))
+    _style_axes(axes, len(drawn), whole, (width * 72 - left - right))
     for at, row in enumerate(drawn):
         _draw(axes, at, row, whole)
     _names(figure, drawn, names, notes, (head, width * 72 - right), step)
@@ -338,7 +338,7 @@ def _under(edges: Sequence[EdgeSummary], whole: tuple[int, int], folded: int, se
     return text + (f"; stamps of {several} clocks" if several > 1 else "")
 
 
-def _axes_look(axes: Axes, rows: int, whole: tuple[int, int], room: float) -> None:
+def _style_axes(axes: Axes, rows: int, whole: tuple[int, int], room: float) -> None:
     style.tidy(axes)
     length = _length(whole)
     axes.set_xlim(-0.01 * length, 1.01 * length)

@@ -125,12 +125,13 @@ def trajectory(
 
 def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size: Any) -> None:
     if not paths:
-        raise InvalidArgument("no trajectory to draw: give one or more")
+        raise InvalidArgument("at least one trajectory is required")
     for path in paths:
         if not all(hasattr(path, name) for name in ("target", "source", "stamps", "poses")):
             got = type(path).__name__
             raise InvalidArgument(
-                f"draw tfdb.Trajectory, as Buffer.trajectory returns it; got {got}", value=path
+                f"each path must be a tfdb.Trajectory, as Buffer.trajectory returns, got {got}",
+                value=path,
             )
     if axes is not None:
         check_word("axes", axes, PLANES)
@@ -139,7 +140,9 @@ def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size:
     if labels is not None:
         count = len(labels) if isinstance(labels, list | tuple) else -1
         if count != len(paths) or not all(isinstance(label, str) for label in labels):
-            raise InvalidArgument(f"labels must be {len(paths)} names, one for each", value=labels)
+            raise InvalidArgument(
+                f"labels must be {len(paths)} names, one for each trajectory", value=labels
+            )
     right = isinstance(size, list | tuple) and len(size) == 2
     for side, least in zip(size, _SMALLEST, strict=True) if right else ():
         right &= isinstance(side, int | float) and least <= side <= 100
@@ -160,11 +163,11 @@ def _prepare(paths: Sequence[Drawable], labels: Sequence[str] | None) -> list[_P
         good = np.flatnonzero(np.isfinite(poses).all(axis=1))
         named = f"{path.source} in {path.target}"
         if not len(good):
-            raise InvalidArgument(f"the trajectory of {named} holds no pose to draw", value=path)
+            raise InvalidArgument(f"the trajectory of {named} has no valid pose", value=path)
         if np.abs(poses[good, :3]).max() >= TOO_FAR:
             raise InvalidArgument(
-                f"the trajectory of {named} leads {np.abs(poses[good, :3]).max():.3g} m away: at "
-                f"most {TOO_FAR:g} m can be drawn",
+                f"the trajectory of {named} reaches {np.abs(poses[good, :3]).max():.3g} m from the "
+                f"origin: at most {TOO_FAR:g} m can be drawn",
                 value=path,
             )
         points = np.full((len(poses), 3), np.nan)

@@ -111,7 +111,8 @@ def _infos(frames: Any) -> list[FrameInfo]:
         infos = [None]
     if not all(hasattr(info, "is_static") and hasattr(info, "parent") for info in infos):
         raise InvalidArgument(
-            f"draw a store, a snapshot or what tree() returns; got {type(frames).__name__}",
+            f"frames must be a store, a snapshot or the result of tree(), got "
+            f"{type(frames).__name__}",
             value=frames,
         )
     return infos

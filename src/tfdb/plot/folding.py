@@ -27,7 +27,9 @@ class FoldedRow:
 def check_rows(rows: object) -> None:
     """Refuse values that are not a number of rows."""
     if rows is not None and (type(rows) is not int or rows < 1):
-        raise InvalidArgument(f"rows must be a number from 1 on, or None, got {rows!r}", value=rows)
+        raise InvalidArgument(
+            f"rows must be an integer of at least 1, or None, got {rows!r}", value=rows
+        )
 
 
 class Folds:

@@ -58,7 +58,7 @@ def width(text: str, size: float, weight: str = "normal") -> float:
     if not text:
         return 0.0
     # `text_to_path` knows no second font: letters of such a one are counted as wide as high.
-    own = _own_letters()
+    own = _letters_of_font()
     known = "".join(letter for letter in text if ord(letter) in own)
     font = FontProperties(family=families()[0], size=size, weight=weight)
     wide, _, _ = text_to_path.get_text_width_height_descent(known, font, ismath=False)
@@ -66,7 +66,7 @@ def width(text: str, size: float, weight: str = "normal") -> float:
 
 
 @cache
-def _own_letters() -> frozenset[int]:
+def _letters_of_font() -> frozenset[int]:
     path = font_manager.findfont(FontProperties(family=families()[0]))
     return frozenset(font_manager.get_font(path).get_charmap().keys())
 

@@ -31,7 +31,7 @@ def show(figure: Figure) -> None:
     given: object = figure
     if not isinstance(given, Figure):
         got = type(given).__name__
-        raise InvalidArgument(f"show what tfdb.plot drew, a Figure; got {got}", value=given)
+        raise InvalidArgument(f"show() takes a Figure of tfdb.plot, got {got}", value=given)
     window = plt.figure()
     canvas: Any = window.canvas
     manager = canvas.manager

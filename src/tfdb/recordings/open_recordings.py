@@ -247,7 +247,7 @@ class OpenRecordings:
             raise RecordingError(self.names, f"no topic with transforms{more}; its topics: {held}")
         if roles is not None and not roles and not choice.reads_others:
             raise InvalidArgument(
-                f"topics is empty: name topics of {self.names}, or give None for every topic of "
+                f"topics is empty: name topics of {self.names}, or pass None for every topic of "
                 f"transforms; its topics: {held}",
                 value=[],
                 path=self.names,
@@ -343,7 +343,7 @@ def rewriter_without_survey(choice: Choice) -> Rewriter:
     }
     given = ", ".join(name for name, value in needed.items() if value)
     if given:
-        raise InvalidArgument(f"{given}: these need a finished file; this one is still written")
+        raise InvalidArgument(f"{given}: not valid while the file is still being written")
     return Rewriter(choice, window_of(choice, None), None)
 
 
@@ -353,11 +353,11 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
     last = None if choice.end is None else choice.end.resolve(found)
     if choice.keep is not None:
         if found is None:
-            raise InvalidArgument("keep counts back from the last moving stamp, and nothing moves")
+            raise InvalidArgument("keep counts back from the last moving stamp, but no edge moves")
         newest = found[1] if last is None else min(last, found[1])
         first = max(newest - choice.keep, 0 if first is None else first)
     if first is not None and last is not None and first > last:
-        ends = f"end ({format_seconds(last)}) lies before start ({format_seconds(first)})"
+        ends = f"end ({format_seconds(last)}) is before start ({format_seconds(first)})"
         raise InvalidArgument(ends, value=last)
     return first, last
 

@@ -280,14 +280,14 @@ class _Json:
                 raise ValueError(f"{field}: {error}") from None
             return _stamp(*divmod(stamp, _NS), field)
         if not isinstance(value, dict):
-            raise TypeError(f"{field} is neither sec and nsec nor a text of RFC 3339")
+            raise TypeError(f"{field} is neither an object of sec and nsec nor an RFC 3339 string")
         seconds = _integer(value.get("sec"), f"{field}.sec")
         return _stamp(seconds, _integer(value.get("nsec"), f"{field}.nsec"), field)
 
     def text(self, _number: int, name: str) -> str:
         value = self._get(name)
         if not isinstance(value, str | None):
-            raise TypeError(f"{self._prefix}{name} is not a text")
+            raise TypeError(f"{self._prefix}{name} is not a string")
         return value or ""
 
     def part(self, _number: int, name: str) -> _Json:
@@ -340,7 +340,7 @@ class _Protobuf:
             if kind == 2:
                 size, at = self._varint(data, at)
                 if at + size > end:
-                    raise ValueError("a field goes beyond its end")
+                    raise ValueError("a field is longer than its message")
                 value, at = data[at : at + size], at + size
             elif kind == 1:
                 (value,), at = _DOUBLE.unpack_from(data, at), at + 8
@@ -349,7 +349,7 @@ class _Protobuf:
             elif kind == 5:
                 (value,), at = _FLOAT.unpack_from(data, at), at + 4
             else:
-                raise ValueError(f"a field of the unknown kind {kind}")
+                raise ValueError(f"unknown wire type {kind}")
             self._found.setdefault(key >> 3, []).append(value)
 
     @staticmethod
@@ -363,12 +363,12 @@ class _Protobuf:
             at, shift = at + 1, shift + 7
             if byte < 0x80:
                 return value, at
-        raise ValueError("a number of more than 10 bytes")
+        raise ValueError("a varint has more than 10 bytes")
 
     def _last(self, number: int, name: str, default: Any, kind: type) -> Any:
         value = self._found.get(number, [default])[-1]
         if not isinstance(value, kind):
-            raise TypeError(f"{name} (field {number}) is of another kind")
+            raise TypeError(f"{name} (field {number}) has another wire type")
         return value
 
     def stamp(self, number: int, name: str) -> int | None:
@@ -392,7 +392,7 @@ class _Protobuf:
     def parts(self, number: int, name: str) -> list[Callable[[], _Protobuf]]:
         found = self._found.get(number, [])
         if not all(isinstance(each, bytes) for each in found):
-            raise TypeError(f"{name} (field {number}) is of another kind")
+            raise TypeError(f"{name} (field {number}) has another wire type")
         return [partial(_Protobuf, each) for each in found]
 
     def doubles(self, names: str) -> Floats:
@@ -400,7 +400,7 @@ class _Protobuf:
         made = tuple([found[n][-1] if n in found else 0.0 for n in range(1, len(names) + 1)])
         for number, value in enumerate(made):
             if type(value) is not float:
-                raise TypeError(f"{names[number]} (field {number + 1}) is of another kind")
+                raise TypeError(f"{names[number]} (field {number + 1}) has another wire type")
         return made
 
 

@@ -58,7 +58,7 @@ class RecordingWriter:
             raise RecordingError(path, unknown_ending(str(path), SUFFIXES))
         refuse_existing(path, overwrite=overwrite, refusal=RecordingError)
         if check_flag("compress", compress) and path.suffix == ".db3":
-            raise InvalidArgument(".db3 files are not compressed; write .mcap or .bag")
+            raise InvalidArgument(".db3 files cannot be compressed; write .mcap or .bag")
         self._path = path
         self._compress = compress
         self._overwrite = overwrite

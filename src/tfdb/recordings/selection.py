@@ -234,7 +234,7 @@ class Choice:
         self.pose_topics: dict[str, str | None] = _pose_topics(given.pose_topics)
         self.model: RobotModel | None = _model(given.urdf)
         if given.joint_topic is not None and self.model is None:
-            raise InvalidArgument("joint_topic goes with urdf, the model of the robot")
+            raise InvalidArgument("joint_topic needs urdf: pass the robot's model as well")
         self.joint_topic: str | None = (
             None if given.joint_topic is None else absolute(given.joint_topic)
         )
@@ -242,7 +242,7 @@ class Choice:
         self.mix: bool = check_flag("mix", given.mix)
         if self.mix and self.by_namespace:
             raise InvalidArgument(
-                "mix and by_namespace exclude each other: one tree, or a prefix for each group"
+                "mix and by_namespace exclude each other: mix makes one tree, by_namespace several"
             )
         if self.model is not None and self.by_namespace:
             raise InvalidArgument(
@@ -415,7 +415,7 @@ def _names(option: str, given: Any) -> tuple[str, ...]:
     several = [given] if one else list(given)
     for name in several:
         if not isinstance(name, str) or not name.strip("/"):
-            raise InvalidArgument(f"{option} must be names, got {shown(name)}", value=name)
+            raise InvalidArgument(f"{option} must be frame names, got {shown(name)}", value=name)
     return tuple(name.removeprefix("/") for name in several)
 
 
@@ -427,7 +427,7 @@ def _mapping(given: Any) -> dict[str, str]:
     old, new = _names("rename", given.keys()), _names("rename", given.values())
     for name in old:
         if old.count(name) > 1:
-            raise InvalidArgument(f"rename: {name!r} is given two names", value=given)
+            raise InvalidArgument(f"rename: {name!r} has two new names", value=given)
     return dict(zip(old, new, strict=True))
 
 

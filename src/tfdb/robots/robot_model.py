@@ -206,7 +206,7 @@ class RobotModel:
         for name, pose in self._moving(positions).items():
             joint = self.joints[name]
             if pose.ndim != 1:
-                raise InvalidArgument(f"joint {name!r}: one position wanted, not an array of them")
+                raise InvalidArgument(f"joint {name!r}: it must be one position, got an array")
             values = tuple(pose.tolist())
             found.append(TransformStamped(joint.parent, joint.child, stamp, values[:3], values[3:]))
         return found
@@ -245,7 +245,7 @@ class RobotModel:
         """
         batch = self.transforms(positions, stamp)
         if not batch:
-            raise InvalidArgument("the joint state determines no moving joint of the model")
+            raise InvalidArgument("the joint state has no position of a moving joint of the model")
         return buffer.set_transforms(batch, authority=authority)
 
     def set_joint_states(
@@ -265,7 +265,9 @@ class RobotModel:
             raise InvalidArgument(f"stamps must be of shape (N,), not {when.shape}")
         moving = self._moving(positions)
         if not moving:
-            raise InvalidArgument("the joint states determine no moving joint of the model")
+            raise InvalidArgument(
+                "the joint states have no position of a moving joint of the model"
+            )
         try:
             columns = [np.broadcast_to(pose, (len(when), 7)) for pose in moving.values()]
         except ValueError:
@@ -301,7 +303,7 @@ class RobotModel:
             np.broadcast_shapes(*(pose.shape for pose in poses.values()))
         except ValueError:
             shapes = {name: value.shape for name, value in given.items()}
-            raise InvalidArgument(f"positions of different lengths: {shapes}") from None
+            raise InvalidArgument(f"positions must have equal lengths, got {shapes}") from None
         return {name: poses[name] for name in self.joints if name in poses}
 
     def follow(self, name: str, given: Mapping[str, Any]) -> Any:
@@ -365,8 +367,8 @@ def _checked(joint: Joint, position: npt.ArrayLike) -> Array:
     inner = value.ndim if joint.width == 1 else value.ndim - 1
     if inner not in (0, 1) or (joint.width > 1 and value.shape[-1] != joint.width):
         raise InvalidArgument(
-            f"joint {joint.name!r} ({joint.kind}) takes {joint.width} number(s) a state, "
-            f"not an array of shape {value.shape}"
+            f"joint {joint.name!r} ({joint.kind}) needs {joint.width} number(s) for each state, "
+            f"got an array of shape {value.shape}"
         )
     if not np.isfinite(value).all():
         raise InvalidArgument(f"joint {joint.name!r}: the position is not finite")

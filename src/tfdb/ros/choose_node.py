@@ -42,7 +42,7 @@ def node_for(given: Any = None, *, own_thread: bool = False) -> Node:
         from .rclpy_node import RclpyNode
 
         return RclpyNode(given, own_thread=own_thread)
-    raise TypeError(f"expected a node of tfdb.ros or of rclpy, or None, got {type(given).__name__}")
+    raise TypeError(f"node must be of tfdb.ros or rclpy, or None, got {type(given).__name__}")
 
 
 def in_rospy() -> bool:

@@ -88,8 +88,8 @@ def _domain_of(number: int) -> Any:
                 if error.code == DDSException.DDS_RETCODE_PRECONDITION_NOT_MET:
                     return None
                 raise InvalidArgument(
-                    f"DDS does not start ({error.msg}): CYCLONEDDS_URI must be a configuration of"
-                    f" Cyclone DDS; got {os.environ.get('CYCLONEDDS_URI', '')!r}",
+                    f"DDS does not start ({error.msg}): CYCLONEDDS_URI must be a Cyclone DDS"
+                    f" configuration, got {os.environ.get('CYCLONEDDS_URI', '')!r}",
                     value=text,
                 ) from error
             _domains[number] = domain

@@ -92,7 +92,7 @@ def known_kind(name: str) -> Kind:
     """Type of a message that is to be sent. Raises InvalidArgument for one without definition."""
     if name not in MESSAGES:
         raise InvalidArgument(
-            f"no definition of {name!r} is at hand, so it cannot be sent; there are"
+            f"the message type {name!r} is unknown, so it cannot be sent; known types are"
             f" {', '.join(sorted(MESSAGES))}",
             value=name,
         )
@@ -114,8 +114,7 @@ def service_kind(name: str) -> Kind:
     """Type of a service. Raises InvalidArgument for one without definition."""
     if name not in SERVICES:
         raise InvalidArgument(
-            f"no definition of the service {name!r} is at hand; there are"
-            f" {', '.join(sorted(SERVICES))}",
+            f"the service type {name!r} is unknown; known types are {', '.join(sorted(SERVICES))}",
             value=name,
         )
     request, response = SERVICES[name]

@@ -73,8 +73,8 @@ class Names:
         name = special.get("__name", name)
         if BASE.fullmatch(check_name("name", name)) is None:
             raise InvalidName(
-                f"{name!r} is not a name of a ROS node: a letter, then letters, digits and _; the"
-                " namespace comes from ROS_NAMESPACE or __ns:=",
+                f"{name!r} is not a valid ROS node name: it must be a letter, then letters, digits"
+                " and _; the namespace comes from ROS_NAMESPACE or __ns:=",
                 value=name,
             )
         namespace = special.get("__ns", environment.get("ROS_NAMESPACE", "/")) or "/"
@@ -98,8 +98,8 @@ class Names:
         """Full name of a topic, a service or a parameter. Raises InvalidName."""
         if LEGAL.fullmatch(name) is None or "//" in name or "~" in name[1:]:
             raise InvalidName(
-                f"{name!r} is not a name of a ROS graph: a letter, / or ~ first, then letters,"
-                " digits, _ and /",
+                f"{name!r} is not a valid ROS graph name: it must be a letter, / or ~, then"
+                " letters, digits, _ and /",
                 value=name,
             )
         if name.startswith("/"):
@@ -123,8 +123,8 @@ def own_host(hostname: str, address: str) -> str:
     if given:
         if "://" in given or (":" in given and hostname):
             raise InvalidArgument(
-                f"ROS_HOSTNAME or ROS_IP is {given!r}: a host's name or address is wanted, without"
-                " a protocol or port",
+                f"ROS_HOSTNAME or ROS_IP must be a host name or address without protocol or port,"
+                f" got {given!r}",
                 value=given,
             )
         return given
@@ -150,5 +150,5 @@ def host_and_port(uri: str) -> tuple[str, int]:
     except ValueError:
         found = None, None
     if not found[0] or not found[1]:
-        raise InvalidArgument(f"{uri!r} is not a URI of ROS, such as http://host:port", value=uri)
+        raise InvalidArgument(f"{uri!r} is not a ROS URI such as http://host:port", value=uri)
     return found[0], found[1]

@@ -120,7 +120,7 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
                 name, context=context, enable_rosout=False, start_parameter_services=False
             )
         except InvalidNodeNameException as error:
-            raise InvalidName(f"{name!r} is not a name of a node: {error}", value=name) from error
+            raise InvalidName(f"{name!r} is not a valid node name: {error}", value=name) from error
         # Its clock and services need an executor.
         node = RclpyNode(theirs, own_thread=True)
         spinning = node.spin()

@@ -144,7 +144,7 @@ class ExecutorReceiver:
             added = _Topic(self._node, kind, topic, deliver, qos)
         except _NOT_AS_EXPECTED as error:
             if self._subscriptions_receiver is None:
-                _say_not_as_expected(self._node, error)
+                _warn_unexpected(self._node, error)
                 self._subscriptions_receiver = _SubscriptionReceiver(self._node)
             return self._subscriptions_receiver.subscribe(kind, topic, deliver, qos)
         # No executor is woken by a message that was taken.
@@ -258,7 +258,7 @@ class _Topic:
         """Return its entity; `node.destroy_subscription(opened.native)` also closes it."""
         opened = GraphEntity(take_back, self._subscription)
         self._subscription.destroy = opened.close
-        _let_destroy(self._node, self._subscription)
+        _allow_destroy(self._node, self._subscription)
         return opened
 
     def enter(self) -> bool:
@@ -363,7 +363,7 @@ class ThreadReceiver(NodeThread):
 
     def _in_executor(self, error: Exception) -> _OwnExecutor:
         if self._instead is None:
-            _say_not_as_expected(self._node, error)
+            _warn_unexpected(self._node, error)
             self._instead = _OwnExecutor(self._node, self._ended)
         return self._instead
 
@@ -391,7 +391,7 @@ class ThreadReceiver(NodeThread):
 
     def _listen_until_idle(self) -> bool:
         """Listen; whether it ended as no topic is left: the next one starts another thread."""
-        while self._goes_on():
+        while self._is_running():
             with self._lock:
                 topics = self._topics
                 self._runs = bool(topics)
@@ -411,7 +411,7 @@ class ThreadReceiver(NodeThread):
             # Some may have brought a message before they were waited for.
             ready = list(topics)
             warn_at = monotonic() + _WARN_EVERY
-            while topics is self._topics and self._goes_on():
+            while topics is self._topics and self._is_running():
                 for topic in ready:
                     topic.take_all()
                 wait_set.clear_entities()
@@ -509,7 +509,7 @@ _destroyable: weakref.WeakSet[Any] = weakref.WeakSet()
 """Subscriptions that are not in their node's list."""
 
 
-def _let_destroy(node: Any, subscription: Any) -> None:
+def _allow_destroy(node: Any, subscription: Any) -> None:
     """Let `node.destroy_subscription` end a subscription that the node has not in its list."""
     _destroyable.add(subscription)
     destroy = node.destroy_subscription
@@ -534,7 +534,7 @@ def _implementation() -> Any:
     return rclpy_implementation
 
 
-def _say_not_as_expected(node: Any, error: Exception) -> None:
+def _warn_unexpected(node: Any, error: Exception) -> None:
     node.get_logger().warning(
         "listening by rclpy's own subscriptions, which cost more: what is below them is not as "
         f"expected ({type(error).__name__}: {error})"

@@ -62,7 +62,7 @@ class NodeThread(ABC):
         self.thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self.thread.start()
 
-    def _goes_on(self) -> bool:
+    def _is_running(self) -> bool:
         return not self._stopped and is_up(self._node)
 
     @abstractmethod
@@ -132,7 +132,7 @@ class Spinning(NodeThread):
 
     def _run(self) -> None:
         try:
-            while self._goes_on():
+            while self._is_running():
                 self.executor.spin_once()
         except (ExternalShutdownException, InvalidHandle):
             return  # the context was shut down or destroyed, which is one way to end

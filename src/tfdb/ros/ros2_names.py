@@ -58,7 +58,7 @@ def domain_of(text: str) -> int:
     text = text or os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (text.isascii() and text.isdecimal() and int(text) <= LAST_DOMAIN):
         raise InvalidArgument(
-            f"{text!r} is not a domain of ROS 2: give 0 to {LAST_DOMAIN}", value=text
+            f"{text!r} is not a ROS 2 domain: it must be 0 to {LAST_DOMAIN}", value=text
         )
     return int(text)
 
@@ -82,15 +82,16 @@ class Ros2Names:
         name = found.remapped.pop("__node", name)
         if _BASE.fullmatch(check_name("name", name)) is None:
             raise InvalidName(
-                f"{name!r} is not a name of a node: a letter or _, then letters, digits and _",
+                f"{name!r} is not a valid node name: it must be a letter or _, then letters, "
+                "digits and _",
                 value=name,
             )
         self.namespace: str = found.remapped.pop("__ns", "/")
         """Where relative names are resolved."""
         if _NAMESPACE.fullmatch(self.namespace) is None:
             raise InvalidName(
-                f"{self.namespace!r} is not a namespace: it begins with /, then names with / "
-                "between them",
+                f"{self.namespace!r} is not a valid namespace: it must begin with /, followed by "
+                "names with / between them",
                 value=self.namespace,
             )
         self.base: str = name
@@ -106,8 +107,8 @@ class Ros2Names:
         """Full name of a topic. Raises InvalidName."""
         if _NAME.fullmatch(name) is None:
             raise InvalidName(
-                f"{name!r} is not a name of a ROS 2 graph: letters, digits and _ with / between"
-                " names, and no digit at the begin of one",
+                f"{name!r} is not a valid ROS 2 name: it must be names of letters, digits and _"
+                " with / between them, without a digit at the beginning of one",
                 value=name,
             )
         if name.startswith("~/"):

@@ -135,7 +135,7 @@ class RospyNode:
             )
         except rospy.ServiceException as error:  # it has this one reason
             full = rospy.resolve_name(name)
-            raise InvalidArgument(f"{full} is served by this node already", value=full) from error
+            raise InvalidArgument(f"this node already serves {full}", value=full) from error
         return self._kept(_NodeEntity(self, lambda: made.shutdown("it was closed"), native=made))
 
     def now(self) -> int:
@@ -235,14 +235,14 @@ class _Clock:
 
     def end(self, called: Callable[[int], None]) -> None:
         """Call once more."""
-        self._tell([called])
+        self._report_clock([called])
 
     def _set(self, _: Any = None) -> None:
         with self._lock:
             told = list(self._told)
-        self._tell(told)
+        self._report_clock(told)
 
-    def _tell(self, told: list[Callable[[int], None]]) -> None:
+    def _report_clock(self, told: list[Callable[[int], None]]) -> None:
         now = rospy.get_rostime().to_nsec()
         for called in told:
             try:

@@ -60,7 +60,7 @@ class SlaveNode(Protocol):
     def topic_address(self, topic: str) -> tuple[str, int] | None:
         """Where subscribers of a topic connect to; None if it is not published."""
 
-    def told_to_end(self, reason: str) -> None:
+    def shutdown_requested(self, reason: str) -> None:
         """The master, or a tool, ends the node."""
 
     def master_uri(self) -> str:
@@ -140,7 +140,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         """End the node after a shutdown request, once its answer is sent."""
         reason, self._told_to_end = self._told_to_end, None
         if reason is not None:
-            self._node.told_to_end(reason)
+            self._node.shutdown_requested(reason)
 
     def _shutdown(self, reason: object = "") -> list[Any]:
         self._told_to_end = str(reason)

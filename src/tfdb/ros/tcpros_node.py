@@ -152,7 +152,7 @@ class TcprosNode(Closable):
                     _check_same(full, advertised.kind, wanted)
                     if latched and not advertised.latched:
                         raise InvalidArgument(
-                            f"{full} is published already, and not latched", value=full
+                            f"this node already publishes {full}, not latched", value=full
                         )
             if advertised is None:
                 advertised = AdvertisedTopic(full, wanted, self.name, latched=latched, depth=depth)
@@ -181,7 +181,7 @@ class TcprosNode(Closable):
             with self._lock:
                 self._check_open()
                 if full in self._served:
-                    raise InvalidArgument(f"{full} is served by this node already", value=full)
+                    raise InvalidArgument(f"this node already serves {full}", value=full)
                 served = ServedName(full, wanted, self.name, answer)
                 self._served[full] = served
             try:
@@ -244,7 +244,7 @@ class TcprosNode(Closable):
             advertised = dict(self._advertised)
             served = dict(self._served)
         atexit.unregister(self.close)
-        self._tell_clock()  # callbacks of topics may wait for the node's end
+        self._report_clock()  # callbacks of topics may wait for the node's end
         self._unregister(subscribed, advertised, served)
         for topic in subscribed.values():
             topic.close(LAST_CALLBACKS_SECONDS)
@@ -288,7 +288,7 @@ class TcprosNode(Closable):
     def _take_clock(self) -> None:
         def take(data: bytes | memoryview, _: str) -> None:
             self._now = decode_clock(data, cdr=False)
-            self._tell_clock()
+            self._report_clock()
 
         try:
             self.subscribe(CLOCK, CLOCK_KIND, take)
@@ -296,7 +296,7 @@ class TcprosNode(Closable):
             self.close()
             raise
 
-    def _tell_clock(self) -> None:
+    def _report_clock(self) -> None:
         with self._lock:
             listeners = list(self._clock_listeners)
         for listener in listeners:
@@ -488,7 +488,7 @@ class _Slave:
                 return None
         return self._node._names.host, self._node._server.port
 
-    def told_to_end(self, reason: str) -> None:
+    def shutdown_requested(self, reason: str) -> None:
         why = f"it was told to end: {reason or 'no reason given'}"
         LOG.warning("%s is closed: %s", self._node.name, why)
         self._node._close(why)
@@ -500,6 +500,6 @@ class _Slave:
 def _check_same(topic: str, there: Kind, wanted: Kind) -> None:
     if there.md5sum != wanted.md5sum:
         raise InvalidArgument(
-            f"{topic} is open in this node as {there.name}, and {wanted.name} is another type",
+            f"{topic} already has the type {there.name} in this node, not {wanted.name}",
             value=wanted.name,
         )

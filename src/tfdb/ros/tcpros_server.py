@@ -52,7 +52,7 @@ class Peer:
         """Wait some seconds for its header, and pass it on."""
         self._on_frame = lambda data: on_header(self, decode_header(data))
         self._loop.watch(self._connection, selectors.EVENT_READ, self._ready)
-        self._loop.later(HANDSHAKE_SECONDS, self._give_up)
+        self._loop.later(HANDSHAKE_SECONDS, self._refuse_without_header)
 
     def go_on(
         self,
@@ -100,7 +100,7 @@ class Peer:
                 self._loop.soon(self.close)
                 return
             if self._blocked:
-                self._loop.soon(self._watch_room)
+                self._loop.soon(self._watch_writable)
 
     def close(self) -> None:
         """End it."""
@@ -126,7 +126,7 @@ class Peer:
                 return False
             self._begun = self._begun[sent:] if sent < len(self._begun) else None
 
-    def _watch_room(self) -> None:
+    def _watch_writable(self) -> None:
         if not self._closed:
             both = selectors.EVENT_READ | selectors.EVENT_WRITE
             self._loop.watch(self._connection, both, self._ready)
@@ -134,14 +134,14 @@ class Peer:
     def _ready(self, events: int) -> None:
         try:
             if events & selectors.EVENT_WRITE:
-                self._make_way()
+                self._send_waiting()
             if events & selectors.EVENT_READ:
                 self._receive()
         except (OSError, CorruptMessage) as error:
             LOG.debug("the connection of %s ends: %s", self.name or "a peer", error)
             self.close()
 
-    def _make_way(self) -> None:
+    def _send_waiting(self) -> None:
         with self._lock:
             self._blocked = not self._flush()
             if not self._blocked:
@@ -157,7 +157,7 @@ class Peer:
         if self._on_frame is not None and not self._closed:
             self._on_frame(data)
 
-    def _give_up(self) -> None:
+    def _refuse_without_header(self) -> None:
         if self._on_close is None and not self._closed:
             self.refuse(f"no header came within {HANDSHAKE_SECONDS:g} s")
 

@@ -88,13 +88,13 @@ class Link:
                     if not self._closing.is_set():
                         self._receive(connection)
             except Exception as error:
-                self._tell(error)
+                self._log_error(error)
             self.connected, self._connection = False, None
             if self._closing.wait(pause):
                 return
             pause = min(2 * pause, LONGEST_PAUSE)
 
-    def _tell(self, error: Exception) -> None:
+    def _log_error(self, error: Exception) -> None:
         """Log the end of a connection, each kind once."""
         if self._closing.is_set():
             return
@@ -200,7 +200,7 @@ class SubscribedTopic:
                 try:
                     callback(data, publisher)
                 except Exception as error:
-                    self._tell(error, callback, publisher)
+                    self._log_error(error, callback, publisher)
 
     def add(self, callback: OnMessage) -> None:
         """Call it from now on, at once with the last messages of publishers that latch."""
@@ -213,7 +213,7 @@ class SubscribedTopic:
                     try:
                         callback(data, publisher)
                     except Exception as error:
-                        self._tell(error, callback, publisher)
+                        self._log_error(error, callback, publisher)
 
     def remove(self, callback: OnMessage) -> None:
         """Call it no more."""
@@ -248,7 +248,7 @@ class SubscribedTopic:
         for link in links:
             link.join(max(0.0, until - time.monotonic()))
 
-    def _tell(self, error: Exception, callback: OnMessage, publisher: str) -> None:
+    def _log_error(self, error: Exception, callback: OnMessage, publisher: str) -> None:
         told = (callback, publisher) in self._failed
         if told or len(self._failed) >= 1000:
             return

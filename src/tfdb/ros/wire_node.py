@@ -208,7 +208,7 @@ class WireNode(Closable):
             self._ended = True
             opened, self._opened = self._opened, set()
         _OPEN.discard(self)
-        self._tell_clock()  # callbacks of topics may wait for the node's end
+        self._report_clock()  # callbacks of topics may wait for the node's end
         if os.getpid() != self._process:
             return  # the link's threads are not in a child of `fork`
         for each in opened:
@@ -217,9 +217,9 @@ class WireNode(Closable):
 
     def _take_clock(self, data: bytes | memoryview, _: str) -> None:
         self._now = decode_clock(data, cdr=True)
-        self._tell_clock()
+        self._report_clock()
 
-    def _tell_clock(self) -> None:
+    def _report_clock(self) -> None:
         with self._lock:
             listeners = list(self._on_clock)
         for listener in listeners:
@@ -301,4 +301,6 @@ threading._register_atexit(_close_all)  # type: ignore[attr-defined]
 
 def _refuse_profile(qos: Any) -> None:
     if qos is not None:
-        raise InvalidArgument("QoS profiles are rclpy's: give latched and depth", value=str(qos))
+        raise InvalidArgument(
+            "QoS profiles need rclpy: pass latched and depth instead", value=str(qos)
+        )

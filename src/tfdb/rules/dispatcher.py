@@ -103,7 +103,7 @@ class Dispatcher:
         """Wait until all commits so far are evaluated and no action waits or runs."""
         if threading.current_thread() is self._thread or self.pool.is_its_thread():
             raise InvalidArgument(
-                "drain() in a rule's function would wait for that function itself"
+                "drain() cannot be called in a rule's function: it would wait for itself"
             )
         until = None if timeout is None else time.monotonic() + timeout
         while not self._is_idle():
@@ -250,7 +250,7 @@ class Dispatcher:
             for rule in self.rules:
                 for subject in rule.on:
                     self._by_subject.setdefault(subject, []).append(rule)
-            self._go_back(joining)
+            self._rewind(joining)
             watch = self._watch
         for rule, start in joining:
             # A condition of which the state is lost was not True.
@@ -260,7 +260,7 @@ class Dispatcher:
                         self._judge(rule, subject, start, (), None, first=True)
         return watch
 
-    def _go_back(self, joining: list[tuple[Rule, Snapshot]]) -> None:
+    def _rewind(self, joining: list[tuple[Rule, Snapshot]]) -> None:
         """Go back to the state at which the first of these rules was installed."""
         for _, start in joining[:1]:
             if self._held is None:

@@ -93,15 +93,15 @@ class Pool:
             if rule._merges and waiting:
                 before = waiting[-1]
                 event.merged = before.merged + 1
-                self._give_up(before)
+                self._discard(before)
                 self.count(rule, merged=1)
             elif len(waiting) >= rule._max_pending:
                 self.count(rule, dropped=1)
                 if not rule._keeps_newest:
                     waiting.append(event)
-                    self._give_up(event)
+                    self._discard(event)
                     return
-                self._give_up(waiting[0])
+                self._discard(waiting[0])
             waiting.append(event)
             lane = self._lane_of(rule)
             lane.events.append(event)
@@ -112,7 +112,7 @@ class Pool:
     def forget(self, rule: Rule) -> None:
         """Give up a rule's events that have not begun. The lock is held."""
         for event in tuple(self._waiting[rule]):
-            self._give_up(event)
+            self._discard(event)
             self.count(rule, dropped=1)
         del self._waiting[rule]
         self._lanes.pop(rule, None)
@@ -178,7 +178,7 @@ class Pool:
             self._threads += 1
             threading.Thread(target=self._work, name="tfdb rules", daemon=True).start()
 
-    def _give_up(self, event: Event) -> None:
+    def _discard(self, event: Event) -> None:
         """An event that waits is not run."""
         self._waiting[event.rule].remove(event)
         self.count(event.rule, pending=-1)
@@ -199,7 +199,7 @@ class Pool:
                 event.snapshot.close()
                 with self.lock:
                     self._running -= 1
-                    self._go_on(lane)
+                    self._ready_next(lane)
                     self.lock.notify_all()
 
     def _take(self) -> tuple[_Lane, Event] | None:
@@ -220,7 +220,7 @@ class Pool:
                 event = lane.events[0]
                 now = time.monotonic()
                 if event._dropped or event._due > now:
-                    self._go_on(lane)
+                    self._ready_next(lane)
                     continue
                 lane.events.popleft()
                 rule = event.rule
@@ -232,7 +232,7 @@ class Pool:
                     stats.began(latency)
                 return lane, event
 
-    def _go_on(self, lane: _Lane) -> None:
+    def _ready_next(self, lane: _Lane) -> None:
         """Make the next event of a lane ready."""
         if self._ended:
             return

@@ -112,7 +112,9 @@ class Rule:
         self._at = None if at is None else to_nanoseconds(at)
         self._initial = check_flag("initial", initial)
         if isinstance(self.on[0], str) and (initial or at is not None or policy is not None):
-            raise InvalidArgument("policy, at and initial are of pairs, not of frames", value=on)
+            raise InvalidArgument(
+                "policy, at and initial are valid for pairs only, not for frames", value=on
+            )
         self._retries = _count_from_0("retries", retries)
         self._serial = None if serial is None else check_name("serial", serial)
         self._overlap = check_flag("overlap", overlap)
@@ -157,7 +159,7 @@ def _fires_of(fires: Fires | None, *, is_of_pairs: bool) -> Fires:
         return "rises" if is_of_pairs else "always"
     if fires == "changes" and not is_of_pairs:
         raise InvalidArgument(
-            'fires="changes" compares the answers of pairs: of frames, every commit is a change'
+            'fires="changes" is valid for pairs only: for frames, every commit is a change'
         )
     checked: Fires = check_word("fires", fires, ("rises", "falls", "changes", "always"))
     return checked
@@ -204,7 +206,7 @@ def _takes_transaction(action: Callable[..., object]) -> bool:
     )
     if any(kind(action) for kind in is_later):
         raise TypeError(
-            "a rule's action must do its work before it returns: not async def, no generator"
+            "a rule's action must be a plain function, neither async def nor a generator"
         )
     try:
         signature = inspect.signature(action)
@@ -224,7 +226,9 @@ def _takes_transaction(action: Callable[..., object]) -> bool:
 
 def _count_from_0(name: str, value: Any) -> int:
     if isinstance(value, bool | float) or (isinstance(value, int) and value < 0):
-        raise InvalidArgument(f"{name} must be 0 or more, got {shown(value)}", value=value)
+        raise InvalidArgument(
+            f"{name} must be an integer of at least 0, got {shown(value)}", value=value
+        )
     return 0 if value == 0 else check_count(name, value)
 
 

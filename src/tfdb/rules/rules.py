@@ -79,7 +79,8 @@ class Rules:
         if seconds is not None:
             seconds = duration_to_nanoseconds(seconds, "stats_log_interval") / 1e9
             if seconds == 0:
-                raise InvalidArgument("stats_log_interval must be above 0, or None", value=seconds)
+                text = "stats_log_interval must be positive or None, got 0"
+                raise InvalidArgument(text, value=seconds)
         self._dispatcher.log_interval = seconds
         self._dispatcher.wake()
 

@@ -108,8 +108,8 @@ def _stored_stamps(
         if start is not None and end is not None:
             _check_order(start, end)
         raise InvalidArgument(
-            f"the path T[{target}<-{source}] has no stored stamp in that time: give rate, start "
-            "and end for poses at other stamps",
+            f"the path T[{target}<-{source}] has no stored stamp between start and end: pass "
+            "rate for poses at other stamps",
             target=target,
             source=source,
         )
@@ -130,7 +130,7 @@ def _range(
 
 def _check_order(first: int, last: int) -> None:
     if last < first:
-        raise InvalidArgument(f"end {last} lies before start {first}", value=last)
+        raise InvalidArgument(f"end {last} is before start {first}", value=last)
 
 
 def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:

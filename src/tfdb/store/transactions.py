@@ -58,7 +58,7 @@ def run_until_won(
                 raise  # of another store
             wait = random.uniform(0, min(SHORTEST_WAIT * 2 ** (attempt - 1), LONGEST_WAIT))  # noqa: S311
             if attempt >= most or time.monotonic() + wait >= end:
-                _give_up(error, attempt)
+                _raise_last_conflict(error, attempt)
                 raise
         else:
             return result
@@ -102,7 +102,7 @@ def _check_done(result: object) -> None:
     )
 
 
-def _give_up(error: Conflict, attempts: int) -> None:
+def _raise_last_conflict(error: Conflict, attempts: int) -> None:
     error.attempts = attempts
     tried = "once" if attempts == 1 else f"{attempts} times"
     error.args = (f"{error} (tried {tried}; more retries or a longer timeout may help)",)

@@ -60,7 +60,7 @@ Tell: TypeAlias = "Callable[[End], None]"
 Result = TypeVar("Result")
 
 
-def _tell_all(ended: Iterable[tuple[Tell, End]]) -> None:
+def _report_all(ended: Iterable[tuple[Tell, End]]) -> None:
     """Report each end. Ctrl-C or an exit in the main thread is raised after all reports."""
     stopped: BaseException | None = None
     for tell, how in ended:
@@ -120,8 +120,8 @@ class _Teller:
         for loop, members in told.items():
             if loop is not None:
                 with suppress(RuntimeError):  # a closed loop has no waiter any more
-                    loop.call_soon_threadsafe(_tell_all, members)
-        _tell_all(told[None])
+                    loop.call_soon_threadsafe(_report_all, members)
+        _report_all(told[None])
 
 
 def write(buffer: Buffer, store: Callable[[], Result]) -> Result:

@@ -134,13 +134,13 @@ class Cursor(Reader[Item]):
         if left is not None and left <= 0:
             return False
         try:
-            self._look(_RENEWED if left is None else min(left, _RENEWED))
+            self._wait_for_commit(_RENEWED if left is None else min(left, _RENEWED))
         except FeedLapped as error:
             self._skip(error)
         self._check_open()
         return True
 
-    def _look(self, left: float | None) -> bool:
+    def _wait_for_commit(self, left: float | None) -> bool:
         """Wait `left` seconds for a commit that may concern the stream, and move to before it."""
         if self._watch is None:
             _ = self._buffer.commit
@@ -188,7 +188,9 @@ class Cursor(Reader[Item]):
         while (newest := self._buffer.commit) > self._position:
             taken = None if self._held is None else self._buffer.snapshot()
             try:
-                if not (self._takes_every_commit or self._watch is None or self._look(0)):
+                if not (
+                    self._takes_every_commit or self._watch is None or self._wait_for_commit(0)
+                ):
                     self._position = max(newest, self._position)
                 elif read():
                     return True

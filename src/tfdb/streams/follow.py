@@ -38,11 +38,11 @@ def follow(
             hold=hold, min_separation=min_separation, lapped=lapped, poll=poll,
         )  # fmt: skip
     if frames is not None:
-        raise InvalidArgument("give frames or a pair, not both", value=frames)
+        raise InvalidArgument("frames and a pair exclude each other; pass one", value=frames)
     if commit is not None:
         raise InvalidArgument(
-            f"a pair is followed since='held' or from now on, not since {shown(commit)}: older "
-            "states are not kept",
+            f"since must be 'held' or None for a pair, got {shown(commit)}: the store does not "
+            "keep older states",
             value=commit,
         )
     return AnswerStream(
@@ -60,6 +60,6 @@ def _names_of(frames: str | Iterable[str]) -> list[str]:
         names = []
     if not names:
         raise InvalidArgument(
-            f"frames must be one name or several, got {shown(frames)}", value=frames
+            f"frames must be a frame name or several, got {shown(frames)}", value=frames
         )
     return names

@@ -206,7 +206,9 @@ class Stream(StreamRows, Cursor["Sample"]):
         """
         n = check_count("n", n)
         if self._separation is not None:
-            raise InvalidArgument("read_back counts all samples: follow without min_separation")
+            raise InvalidArgument(
+                "read_back() is not valid with min_separation: it counts all samples"
+            )
         with self._lock:
             self._check_open()
             back = n + self._has_read

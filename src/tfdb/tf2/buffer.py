@@ -27,7 +27,7 @@ from .exceptions import (
     TimeoutException,
 )
 from .frame_graph import offer_frame_graph
-from .futures import complete, future_here
+from .futures import complete, future_of_caller
 from .transformable_requests import TransformableRequests, TransformableResult
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         """
         question = self._question(target_frame, source_frame, time)
         limit = None if timeout is None else self._limit(timeout)
-        _check_may_come(question)
+        _check_possible(question)
         began = monotonic_ns()
         try:
             return self._wait_for_answer(
@@ -286,7 +286,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         """
         if not callable(callback):
             raise TypeError(f"callback must be callable, got {type(callback).__name__}")
-        _check_may_come(self._question(target_frame, source_frame, time))
+        _check_possible(self._question(target_frame, source_frame, time))
         return self._requests.add(callback, (target_frame, source_frame), time)
 
     def cancel_transformable_request(self, request_handle: int) -> None:
@@ -321,7 +321,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
             try:
                 return ask()
             except NO_ANSWER_YET:
-                if limit == 0 or not _may_come(question):
+                if limit == 0 or not _is_possible(question):
                     raise
                 if not self._block(question, deadline):
                     break
@@ -332,7 +332,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     ) -> tuple[int, str]:
         """Ask until the answer is yes or the limit is over."""
         found = ask()
-        if limit <= 0 or not _may_come(question):
+        if limit <= 0 or not _is_possible(question):
             return found
         deadline = self._deadline(limit)
         while found[0] == 0:
@@ -437,7 +437,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
             for one in held:
                 one.cancel()
 
-        future, loop = future_here(self.clock, release, ros2=self.flavor == "ros2")
+        future, loop = future_of_caller(self.clock, release, ros2=self.flavor == "ros2")
 
         def tell(how: waiting.End) -> None:
             try:
@@ -450,7 +450,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
                 release()
 
         try:
-            _check_may_come(question)
+            _check_possible(question)
             wait = self._begin(question, tell, loop)
         except errors.TfdbError as error:
             complete(future, error)
@@ -514,7 +514,7 @@ async def _ended(future: Any) -> Any:
         future.cancel()
 
 
-def _may_come(question: Question | Full) -> bool:
+def _is_possible(question: Question | Full) -> bool:
     """Whether its stamps and names are such that there may be an answer some time."""
     for part in question:
         if isinstance(part, int):
@@ -525,8 +525,8 @@ def _may_come(question: Question | Full) -> bool:
     return True
 
 
-def _check_may_come(question: Question | Full) -> None:
-    if not _may_come(question):
+def _check_possible(question: Question | Full) -> None:
+    if not _is_possible(question):
         raise InvalidArgumentException(
             f"{question} will never have an answer: names are neither empty nor begin with '/', "
             f"they have no control characters and at most 1024 bytes, stamps are from 0 to "

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from tfdb.ros import Node
 
-__all__ = ["complete", "future_here"]
+__all__ = ["complete", "future_of_caller"]
 
 
 _cancelling = threading.RLock()
@@ -153,7 +153,7 @@ def _rclpys() -> Any:
     return _rclpys_future(Future)
 
 
-def future_here(
+def future_of_caller(
     node: Node | None, cancelled: Callable[[], None], *, ros2: bool
 ) -> tuple[Any, asyncio.AbstractEventLoop | None]:
     """Return a future, and the loop that it is to be completed in; None: any thread may.

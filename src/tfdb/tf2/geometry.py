@@ -85,7 +85,7 @@ def _begin(given: Any, kind: str, transform: Any) -> tuple[_core.Transform, Any,
     return turn, made, inside, getattr(made, member)
 
 
-def _turn_only(transform: _core.Transform) -> _core.Transform:
+def _rotation_of(transform: _core.Transform) -> _core.Transform:
     """The rotation of a transform alone."""
     return _core.Transform("target", "source", (0.0, 0.0, 0.0), transform.rotation)
 
@@ -95,7 +95,7 @@ def _apply(transform: _core.Transform, given: Any, made: Any) -> None:
     made.x, made.y, made.z = transform.apply((given.x, given.y, given.z)).tolist()
 
 
-def _turn(transform: _core.Transform, given: Any, made: Any) -> None:
+def _rotate_orientation(transform: _core.Transform, given: Any, made: Any) -> None:
     """Put an orientation, turned along, into another; of length 0 it counts as the identity."""
     x, y, z, w = given.x, given.y, given.z, given.w
     length = math.hypot(x, y, z, w)
@@ -114,7 +114,7 @@ def _move_pose(transform: _core.Transform, given: Any, made: Any) -> None:
     """Put the place of one pose into another."""
     _apply(transform, given.position, made.position)
     turned = made.orientation
-    _turn(transform, given.orientation, turned)
+    _rotate_orientation(transform, given.orientation, turned)
     if _leading(turned, ros1=hasattr(type(given), "_md5sum")) < 0:
         turned.x, turned.y, turned.z, turned.w = -turned.x, -turned.y, -turned.z, -turned.w
 
@@ -149,7 +149,7 @@ def do_transform_point(point: Any, transform: Any) -> Any:
 def do_transform_vector3(vector3: Any, transform: Any) -> Any:
     """Turn a Vector3Stamped, or a Vector3, onto the axes of the target frame; it has no place."""
     turn, made, source, target = _begin(vector3, "vector3", transform)
-    _apply(_turn_only(turn), source, target)
+    _apply(_rotation_of(turn), source, target)
     return made
 
 
@@ -160,7 +160,7 @@ def do_transform_quaternion(quaternion: Any, transform: Any) -> Any:
     identity.
     """
     turn, made, source, target = _begin(quaternion, "quaternion", transform)
-    _turn(turn, source, target)
+    _rotate_orientation(turn, source, target)
     return made
 
 
@@ -207,7 +207,7 @@ def do_transform_wrench(wrench: Any, transform: Any, *, about_target: bool = Fal
         torque' = R torque + t x force' (tf2_kdl's transform of a KDL Wrench).
     """
     turn, made, source, target = _begin(wrench, "wrench", transform)
-    rotation = _turn_only(turn)
+    rotation = _rotation_of(turn)
     _apply(rotation, source.force, target.force)
     _apply(rotation, source.torque, target.torque)
     if about_target:
@@ -234,7 +234,7 @@ def do_transform_twist(twist: Any, transform: Any, *, about_target: bool = False
         Twist).
     """
     turn, made, source, target = _begin(twist, "twist", transform)
-    rotation = _turn_only(turn)
+    rotation = _rotation_of(turn)
     _apply(rotation, source.linear, target.linear)
     _apply(rotation, source.angular, target.angular)
     if about_target:

@@ -50,7 +50,7 @@ def install() -> None:
     taken = sorted(name for name in (*finder.statements, *made) if name in sys.modules)
     if taken:
         raise InvalidArgument(
-            f"{', '.join(taken)} was imported before: call tfdb.tf2.install() ahead of that",
+            f"{', '.join(taken)} is already imported: call tfdb.tf2.install() before that import",
             value=taken,
         )
     sys.modules.update(made)

@@ -162,7 +162,7 @@ class MessageFilter:
             )
             raise InvalidArgumentException(text, value=target_frame)
         self._targets = targets
-        self._look_again()
+        self._retry_all()
 
     def get_target_frames_string(self) -> str:
         """Return the names of the target frames, joined as tf2 joins them."""
@@ -175,7 +175,7 @@ class MessageFilter:
             text = f"tolerance must not be negative, got {wanted} ns"
             raise InvalidArgumentException(text, value=tolerance)
         self._tolerance = wanted
-        self._look_again()
+        self._retry_all()
 
     def clear(self) -> None:
         """Drop the waiting messages, without a callback."""
@@ -185,7 +185,7 @@ class MessageFilter:
         for one in forgotten:
             _end(one)
 
-    def _look_again(self) -> None:
+    def _retry_all(self) -> None:
         with self._lock:
             again = [*self._waiting.values()]
             self._waiting.clear()
@@ -228,11 +228,11 @@ class MessageFilter:
     def _wait_for_next(self, one: _Waiting) -> None:
         """Deliver a message, or wait for its first missing transform."""
         try:
-            self._look(one)
+            self._deliver_or_wait(one)
         except TfdbError:  # the buffer was closed, or its store removed
             self._fail(one, FilterFailureReason.Unknown)
 
-    def _look(self, one: _Waiting) -> None:
+    def _deliver_or_wait(self, one: _Waiting) -> None:
         available, failure = TransformableResult
 
         def tell(result: TransformableResult | None) -> None:
@@ -244,7 +244,7 @@ class MessageFilter:
                 self._fail(one, reasons.OutTheBack if gone else reasons.Unknown)
 
         begun: TransformableResult | None = available
-        while begun is available and (lacks := self._hand_on_or_lack(one)) is not None:
+        while begun is available and (lacks := self._deliver_or_missing(one)) is not None:
             target, stamp = lacks
             begun = self._buffer._begin_request(
                 (target, one.frame), stamp, tell, lambda wait: self._hold(one, wait)
@@ -260,7 +260,7 @@ class MessageFilter:
                 return
         wait.cancel()
 
-    def _hand_on_or_lack(self, one: _Waiting) -> tuple[str, int] | None:
+    def _deliver_or_missing(self, one: _Waiting) -> tuple[str, int] | None:
         """Deliver a message, or return target and stamp of its first missing transform."""
         found: dict[str, Any] = {}
         core = self._buffer
@@ -270,14 +270,14 @@ class MessageFilter:
                     found[target] = core.lookup_transform_core(target, one.frame, stamp)
                 except TransformException:
                     return target, stamp
-        if self._take(one):
+        if self._dequeue(one):
             with self._lock:
                 callbacks = [*self._callbacks]
             for callback, args, with_transforms in callbacks:
                 core._requests.call(callback, one.message, *((found,) if with_transforms else args))
         return None
 
-    def _take(self, one: _Waiting) -> bool:
+    def _dequeue(self, one: _Waiting) -> bool:
         """Take a message out of the queue; False: another thread did."""
         with self._lock:
             mine = self._waiting.pop(one.number, None) is not None
@@ -286,7 +286,7 @@ class MessageFilter:
         return mine
 
     def _fail(self, one: _Waiting, reason: FilterFailureReason) -> None:
-        if self._take(one):
+        if self._dequeue(one):
             self._drop(one.message, reason)
 
     def _drop(self, message: Any, reason: FilterFailureReason) -> None:

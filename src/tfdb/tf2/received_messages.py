@@ -127,9 +127,9 @@ class BufferWriter:
         refused: Any = waiting.write(
             self._core.buffer, lambda: self._ingest(data, authority=authority)
         )
-        return self._say_refused(data, refused, authority) if refused else 0
+        return self._log_refused(data, refused, authority) if refused else 0
 
-    def _say_refused(
+    def _log_refused(
         self, data: bytes | memoryview, refused: Sequence[Refused], authority: str
     ) -> int:
         """Log refused transforms in tf2's words; returns the number of lost ones."""
@@ -144,10 +144,10 @@ class BufferWriter:
             # Asked again by itself it is refused in tf2's words, or is of ROS 1's other kind.
             lost += not self._core._set(transform, authority, static=self._static)
             if member.error == "TooOld":
-                self._look_ahead(transform.child_frame_id)
+                self._log_future_stamp(transform.child_frame_id)
         return lost
 
-    def _look_ahead(self, child: str) -> None:
+    def _log_future_stamp(self, child: str) -> None:
         """Log the publisher of a stamp in the future that makes valid ones too old."""
         info = self._core.buffer.frame_info(child.removeprefix("/"))
         ahead = (info.newest or 0) - self._node.now()

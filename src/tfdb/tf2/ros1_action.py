@@ -140,7 +140,7 @@ class Ros1Server:
     def _send(self, goal: _ServerGoal, result: LookupResult) -> None:
         if not self._over.is_set() and not self._node.closed:
             self._results.publish(encode_result(self._node.now(), goal.status, result))
-            self._tell()
+            self._publish_statuses()
 
     def _take_goal(self, data: bytes | memoryview, _: str) -> None:
         goal_id, question = decode_goal(data)
@@ -161,7 +161,7 @@ class Ros1Server:
         else:
             self._on_goal(goal)
             if goal.ended is None:
-                self._tell()
+                self._publish_statuses()
 
     def _take_cancel(self, data: bytes | memoryview, _: str) -> None:
         wanted = decode_goal_id(data)
@@ -185,11 +185,11 @@ class Ros1Server:
 
     def _run(self) -> None:
         while not self._node.closed:
-            self._tell()
+            self._publish_statuses()
             if self._over.wait(STATUS_PERIOD):
                 return
 
-    def _tell(self) -> None:
+    def _publish_statuses(self) -> None:
         """Publish the statuses of all goals; those that ended some time ago are forgotten."""
         now = time.monotonic()
         with self._lock:
@@ -227,8 +227,8 @@ class Ros1Client:
         # The nodes of ROS 1 say who is connected.
         self._goals: Any = node.advertise(f"{name}/goal", f"{ACTION}Goal", depth=QUEUE)
         self._cancels: Any = node.advertise(f"{name}/cancel", GOAL_ID, depth=QUEUE)
-        self._results: Any = node.subscribe(f"{name}/result", f"{ACTION}Result", self._take)
-        self._statuses = node.subscribe(f"{name}/status", STATUS_LIST, self._see)
+        self._results: Any = node.subscribe(f"{name}/result", f"{ACTION}Result", self._on_result)
+        self._statuses = node.subscribe(f"{name}/status", STATUS_LIST, self._on_status)
 
     def is_ready(self) -> bool:
         """Whether a server is connected in both directions."""
@@ -267,12 +267,12 @@ class Ros1Client:
         for opened in (self._statuses, self._results, self._cancels, self._goals):
             opened.close()
 
-    def _see(self, _: bytes | memoryview, publisher: str) -> None:
+    def _on_status(self, _: bytes | memoryview, publisher: str) -> None:
         with self._changed:
             self._server = publisher
             self._changed.notify_all()
 
-    def _take(self, data: bytes | memoryview, _: str) -> None:
+    def _on_result(self, data: bytes | memoryview, _: str) -> None:
         status, result = decode_result(data)
         with self._changed:
             on_result = self._waiting.pop(status.goal_id.id, None)

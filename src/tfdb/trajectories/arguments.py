@@ -47,7 +47,7 @@ def chains(other: object, written: str, instead: str) -> bool:
         return True
     if isinstance(other, list | tuple) or hasattr(other, "__array__"):
         name = type(other).__name__
-        raise TypeError(f"{written} chains with a Transform, the other is a {name}: {instead}")
+        raise TypeError(f"{written} chains with a Transform, got a {name}: {instead}")
     return False
 
 

@@ -80,8 +80,8 @@ class _Time:
 def named_columns(names: Sequence[str]) -> PoseColumns:
     """Find stamp and pose among the names of columns; raises NamesError where they are not sure."""
     read = [_read(name) for name in names]
-    positions = _whole("xyz", _parts(read, _POSITION, _FUSED_POSITION))
-    rotations = _whole("xyzw", _parts(read, _ROTATION, _FUSED_ROTATION))
+    positions = _complete_parts("xyz", _parts(read, _POSITION, _FUSED_POSITION))
+    rotations = _complete_parts("xyzw", _parts(read, _ROTATION, _FUSED_ROTATION))
     listed = ", ".join(names)
     for found, what in ((positions, "position (x, y, z)"), (rotations, "quaternion (qx ... qw)")):
         if not found:
@@ -140,7 +140,7 @@ def _is_of(before: Sequence[str], kinds: frozenset[str]) -> bool:
     return not rotates and (not before or before[-1] == "pose" or bool(kinds.intersection(before)))
 
 
-def _whole(axes: str, parts: Parts) -> dict[Words, dict[str, int]]:
+def _complete_parts(axes: str, parts: Parts) -> dict[Words, dict[str, int]]:
     """Keep the parts with all axes, in their order."""
     return {
         key: {axis: found[axis] for axis in axes}

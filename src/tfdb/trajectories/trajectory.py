@@ -363,7 +363,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         from .indexing import checked_rows  # noqa: PLC0415 - needs numpy
 
         wanted = checked_rows(rows, len(self))
-        return self._one(wanted) if isinstance(wanted, int) else self._some(wanted)
+        return self._one(wanted) if isinstance(wanted, int) else self._select(wanted)
 
     def __iter__(self) -> Iterator[Transform]:
         """Iterate over the poses as Transforms. Raises NoSampleNear at a missing pose."""
@@ -485,9 +485,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         first = 0 if begin is None else begin.resolve(ends)
         last = MAX_STAMP if stop is None else stop.resolve(ends)
         if last < first:
-            raise InvalidArgument(f"end {last} lies before start {first}", value=last)
+            raise InvalidArgument(f"end {last} is before start {first}", value=last)
         low = int(self._stamps.searchsorted(first, "left"))
-        return self._some(slice(low, int(self._stamps.searchsorted(last, "right"))))
+        return self._select(slice(low, int(self._stamps.searchsorted(last, "right"))))
 
     def resample(
         self,
@@ -524,7 +524,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         from tfdb.store.sampling import sample, sample_at  # noqa: PLC0415 - most programs do without
 
         if (rate is None) == (stamps is None):
-            raise InvalidArgument("give a rate or stamps: resample(100.0), resample(stamps=...)")
+            raise InvalidArgument(
+                "pass either rate or stamps: resample(100.0), resample(stamps=...)"
+            )
         if rate is not None:
             store, child = self._stored()
             made = sample(store, self._target, child, rate, None, None, policy, missing)
@@ -561,8 +563,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         array([50.,  0., 50.])
         """
         limits = [tolerance(metres, "metres"), tolerance(radians, "radians")]
-        path = self if bool(self.valid.all()) else self._some(self.valid)
-        return path._some(_enough_rows(path._stamps, path._poses, *limits))
+        path = self if bool(self.valid.all()) else self._select(self.valid)
+        return path._select(_enough_rows(path._stamps, path._poses, *limits))
 
     def velocities(self, interval: float = 0.1) -> Twist:
         """Velocity of `source` seen from `target` at each pose, as `lookup_velocity` defines it.
@@ -661,8 +663,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
                 raise TypeError(f"merge() takes trajectories, got {shown(other)}")
             if (other.target, other.source) != (self._target, self._source):
                 raise InvalidArgument(
-                    f"T[{self._target}<-{self._source}] and T[{other.target}<-{other.source}] are "
-                    "not one trajectory: their frames differ",
+                    f"T[{self._target}<-{self._source}] and T[{other.target}<-{other.source}] "
+                    "cannot be merged: their frames differ",
                     target=other.target,
                     source=other.source,
                 )
@@ -947,7 +949,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         edge = (self._source, self._target, "exact", stamp, stamp, False)
         return self._as(stamp, pose, edge)
 
-    def _some(self, rows: Any) -> Trajectory:
+    def _select(self, rows: Any) -> Trajectory:
         stamps = self._stamps[rows]
         check_increasing(stamps)
         return self._made(self._target, self._source, stamps, self._poses[rows])
@@ -965,7 +967,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
             stamp = int(self._stamps[lost[0]])
             raise InvalidTransform(
                 f"pose {lost[0]} of T[{target}<-{source}] at {format_seconds(stamp)} is not "
-                "finite: the numbers are too large for floating point",
+                "finite: the numbers are too large for 64-bit floating point",
                 target=target,
                 source=source,
                 stamp=stamp,

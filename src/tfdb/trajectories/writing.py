@@ -44,7 +44,7 @@ def _refuse_others(trajectory: object) -> None:
         refuse_without(each, "trajectory", f"{what} that are arrays", "tolist", "shape")
 
 
-def _there(trajectory: TrajectoryLike) -> tuple[Stamps, Poses]:
+def _present_poses(trajectory: TrajectoryLike) -> tuple[Stamps, Poses]:
     """Return the stamps and poses that are not missing."""
     _refuse_others(trajectory)
     there = ~missing(trajectory.poses)
@@ -53,7 +53,7 @@ def _there(trajectory: TrajectoryLike) -> tuple[Stamps, Poses]:
 
 def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `seconds x y z qx qy qz qw` lines, seconds with nine decimals."""
-    stamps, poses = _there(trajectory)
+    stamps, poses = _present_poses(trajectory)
     _write_lines(
         path,
         "# timestamp tx ty tz qx qy qz qw",
@@ -67,7 +67,7 @@ def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = F
 
 def write_euroc(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `nanoseconds,x,y,z,qw,qx,qy,qz` lines under EuRoC's header."""
-    stamps, poses = _there(trajectory)
+    stamps, poses = _present_poses(trajectory)
     rows = _comma_rows(stamps.tolist(), poses[:, (0, 1, 2, 6, 3, 4, 5)].tolist())
     _write_lines(path, _EUROC_HEADING, rows, overwrite=overwrite)
 
@@ -90,7 +90,7 @@ def write_kitti(
 
     `times` is by default `NAME_times.txt` beside `path`, where `Trajectory.read` looks for it.
     """
-    stamps, poses = _there(trajectory)
+    stamps, poses = _present_poses(trajectory)
     rows = matrices(poses)[:, :3].reshape(-1, 12).tolist()
     where = check_path(path, _refusal)
     beside = where.with_name(f"{where.stem}_times.txt")

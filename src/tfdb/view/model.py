@@ -176,7 +176,7 @@ class Model:
         self.events.extend(made)
         return made
 
-    def take_news(self) -> list[dict[str, Any]]:
+    def take_tree_events(self) -> list[dict[str, Any]]:
         """Return the events of the tree since the last call."""
         made, self._news = self._news, []
         return made
@@ -214,7 +214,7 @@ class Model:
             if before is not None:
                 self._news = [*self._news, *self._changes(before, columns)]
             self._poses = self._poses_at(state, self.topology, None)
-        self._tell_facts(state, columns)
+        self._facts_message(state, columns)
 
     def _tick(self, state: Snapshot) -> bytes:
         topology = self.topology
@@ -315,7 +315,7 @@ class Model:
 
     # Facts.
 
-    def _tell_facts(self, state: Snapshot, columns: TreeColumns) -> None:
+    def _facts_message(self, state: Snapshot, columns: TreeColumns) -> None:
         """Write the facts of all edges as one message."""
         topology = self.topology
         moving = topology.columns[topology.moving]

@@ -184,7 +184,7 @@ class Server:
             try:
                 await self._follow()
             except Exception as error:
-                self._tell(self._viewers, write_text("error", text=f"{error}", ends=True))
+                self._send_all(self._viewers, write_text("error", text=f"{error}", ends=True))
                 raise
 
     def _address(self) -> str:
@@ -210,7 +210,7 @@ class Server:
             if self._viewers:
                 if commit != model.commit:
                     changed = model.tick()
-                    events += model.take_news()
+                    events += model.take_tree_events()
                     self._send(changed, began)
                 elif self._is_owed():
                     self._send(b"", began)
@@ -219,7 +219,7 @@ class Server:
                     model.look()
                     if self._is_owed():
                         self._send(b"", began)
-                    self._tell_facts([*events, *model.take_news()])
+                    self._send_facts([*events, *model.take_tree_events()])
             if commit == waited:  # a removal of the store ends a wait only: go on with the next
                 continue
             waited = commit
@@ -263,7 +263,7 @@ class Server:
             for each in self._viewers
         )
 
-    def _tell_facts(self, events: Sequence[Mapping[str, Any]]) -> None:
+    def _send_facts(self, events: Sequence[Mapping[str, Any]]) -> None:
         model = self._model
         self._told = model.commit, model.settings
         texts = [write_text("event", **event) for event in events]
@@ -273,9 +273,9 @@ class Server:
                 viewer.missed.extend(texts)
                 continue
             for text in texts:
-                self._tell([viewer], text)
+                self._send_all([viewer], text)
             if viewer.topology is model.topology:
-                self._tell([viewer], model.facts)
+                self._send_all([viewer], model.facts)
 
     def _send(self, changed: bytes, now: float) -> None:
         """Send poses to viewers of the newest state: one message for all that are up to date."""
@@ -298,27 +298,27 @@ class Server:
             elif changed:
                 viewer.is_behind = True
         if changed:
-            self._tell(current, changed)
+            self._send_all(current, changed)
 
     def _send_whole(self, viewer: Viewer, whole: bytes) -> None:
         """Send all that a viewer needs to go on with what changes."""
         if viewer.topology is not self._model.topology:
             viewer.lacks_facts = True
         self._send_tree(viewer, self._model.topology)
-        self._tell([viewer], whole)
+        self._send_all([viewer], whole)
         for text in viewer.missed:
-            self._tell([viewer], text)
+            self._send_all([viewer], text)
         if viewer.lacks_facts:
-            self._tell([viewer], self._model.facts)
+            self._send_all([viewer], self._model.facts)
         viewer.missed.clear()
         viewer.is_behind = viewer.lacks_facts = False
 
     def _send_tree(self, viewer: Viewer, topology: Topology) -> None:
         if viewer.topology is not topology:
             viewer.topology = topology
-            self._tell([viewer], topology.text)
+            self._send_all([viewer], topology.text)
 
-    def _tell(self, viewers: Sequence[Viewer], message: str | bytes) -> None:
+    def _send_all(self, viewers: Sequence[Viewer], message: str | bytes) -> None:
         self._counts["sent_bytes"] += len(message) * len(viewers)
         broadcast([each.connection for each in viewers], message)
 

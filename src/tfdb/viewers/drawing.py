@@ -52,16 +52,18 @@ def collect(what: Any) -> Scene:
     for path in paths:
         if not all(hasattr(path, name) for name in ("target", "source", "stamps", "poses")):
             raise InvalidArgument(
-                "export a Buffer, a Snapshot, a Trajectory or a list of these last; got "
+                "export() takes a Buffer, a Snapshot, a Trajectory or a list of trajectories, got "
                 f"{type(path).__name__}",
                 value=path,
             )
     if not paths:
-        raise InvalidArgument("there is nothing to export: the list is empty", value=what)
+        raise InvalidArgument(
+            "export() needs at least one trajectory: the list is empty", value=what
+        )
     sources = [path.source for path in paths]
     twice = next((name for name in sources if sources.count(name) > 1), None)
     if twice is not None:
-        raise InvalidArgument(f"two trajectories are of the frame {twice!r}", value=what)
+        raise InvalidArgument(f"two trajectories have the source frame {twice!r}", value=what)
     return Scene([_edge_of(path) for path in paths], paths)
 
 
@@ -78,6 +80,6 @@ def _edge_of(path: Trajectory) -> Edge:
     good = np.flatnonzero(np.isfinite(path.poses).all(axis=1))
     if not len(good):
         raise InvalidArgument(
-            f"the trajectory of {path.source} in {path.target} holds no pose", value=path
+            f"the trajectory of {path.source} in {path.target} has no valid pose", value=path
         )
     return Edge(path.source, path.stamps[good], path.poses[good], [path.target] * len(good))

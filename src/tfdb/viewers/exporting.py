@@ -61,9 +61,11 @@ def to_rerun(
         path and recording; a pose beyond the range of single precision.
     """
     if not _is_name(entity):
-        raise InvalidArgument(f"entity must be a path, got {entity!r}", value=entity)
+        raise InvalidArgument(f"entity must be an entity path, got {entity!r}", value=entity)
     if not _is_length(axes):
-        raise InvalidArgument(f"axes must be metres from 0 on, got {axes!r}", value=axes)
+        raise InvalidArgument(
+            f"axes must be a length in metres of at least 0, got {axes!r}", value=axes
+        )
     from .drawing import collect  # noqa: PLC0415 - imports numpy
 
     scene = collect(what)
@@ -115,7 +117,7 @@ def to_foxglove(
         `what` has another type, or a trajectory has no pose; the file exists; `topic` is empty.
     """
     if not _is_name(topic):
-        raise InvalidArgument(f"topic must be the name of a topic, got {topic!r}", value=topic)
+        raise InvalidArgument(f"topic must be a topic name, got {topic!r}", value=topic)
     from .drawing import collect  # noqa: PLC0415 - imports numpy
 
     scene = collect(what)

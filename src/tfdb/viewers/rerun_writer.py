@@ -37,8 +37,8 @@ def write(
         into = recording if recording is not None else rr.get_data_recording()
         if not isinstance(into, rr.RecordingStream):
             raise InvalidArgument(
-                "no recording of Rerun to log to: give a path, or recording=, or call "
-                "rerun.init() first",
+                "Rerun has no active recording: pass a path or recording=, or call rerun.init() "
+                "first",
                 value=recording,
             )
         _log(scene, into, root, axes)
@@ -58,8 +58,8 @@ def _refuse_far(edge: Edge) -> None:
     far = float(np.abs(edge.poses[:, :3]).max())
     if far > _FARTHEST:
         raise InvalidArgument(
-            f"frame {edge.child!r} is {far:.3g} m away from its parent: Rerun keeps single "
-            f"precision, which reaches to {_FARTHEST:.3g} m",
+            f"frame {edge.child!r} is {far:.3g} m from its parent: Rerun stores single precision, "
+            f"at most {_FARTHEST:.3g} m",
             value=far,
         )
 
