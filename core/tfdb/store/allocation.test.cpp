@@ -1,4 +1,4 @@
-// Steady state asks the heap for nothing: neither commits nor lookups.
+// In steady state neither commits nor lookups allocate from the heap.
 #include "tfdb/store/allocation.test.hpp"
 
 #include <array>
@@ -14,7 +14,7 @@ thread_local long count = 0;
 thread_local long until_failure = -1;
 }  // namespace tfdb::allocation
 
-// None of them inlined: the compiler would take `malloc` and `delete`, say, for a mismatch.
+// Not inlined: the compiler would report `malloc` and `delete` as a mismatch.
 [[gnu::noinline]] void* operator new(std::size_t bytes) {
     using namespace tfdb::allocation;
     ++count;
@@ -39,7 +39,7 @@ using namespace fixture;
 constexpr int kWarm = 5000;
 constexpr int kCounted = 20'000;
 
-/// How often `call(i)` allocates in all, after it has been called for a while.
+/// Total number of allocations of `call(i)`, after a warm-up.
 template <class Call>
 long counted(Call&& call) {
     for (int i = 0; i < kWarm; ++i)
@@ -76,7 +76,7 @@ TFDB_TEST(allocation_is_counted_at_all) {
 TFDB_TEST(allocation_none_in_set_transform_of_one_edge) {
     Buffer buffer(keeping(200));
     CHECK_EQ(counted([&](int i) { set(buffer, "map", "base", i, pose_of(1), "ekf"); }), 0);
-    // A correction and a late sample neither.
+    // A correction and a late sample do not allocate either.
     CHECK_EQ(counted([&](int i) {
                  const StampNs stamp = kWarm + kCounted + i;
                  set(buffer, "map", "base", stamp - (i % 5 == 0 ? 3 : 0), pose_of(1), "ekf");

@@ -1,6 +1,6 @@
-// When memory runs out, at whatever point: nothing was stored, or all of it and the call says so;
-// no lock is kept, and the same call then works. In every engine, with names too long to be kept
-// without the heap.
+// Allocation failures at every point of a write, in every engine. The write stores everything or
+// nothing, and reports which. It releases its locks, and the same call then succeeds. Long names
+// force heap allocations.
 #include <bit>
 #include <functional>
 #include <sstream>
@@ -42,7 +42,7 @@ void fill(Buffer& buffer) {
         set(buffer, kMap, kLeaf, stamp, pose_of(4), kAuthor);
 }
 
-/// As THROWN, but that memory ran out goes on to the caller.
+/// As THROWN, but std::bad_alloc propagates to the caller.
 template <class E, class Body>
 void must_throw(Body body) {
     try {
@@ -143,7 +143,7 @@ void put(std::ostream& out, const Pose& pose) {
         out << word << ' ';
 }
 
-/// Everything that a store holds, as text.
+/// The whole content of a store, as text.
 std::string all_of(const Buffer& buffer) {
     std::ostringstream out;
     out << buffer.commit() << ' ' << buffer.counters().commits << '\n';
@@ -167,7 +167,7 @@ BufferOptions options_of(std::size_t engine) {
     return options;
 }
 
-/// What a write leaves, and what it takes.
+/// The state after a write, and its allocations.
 struct Clean {
     std::string before;
     std::string after;
@@ -185,8 +185,8 @@ Clean clean_run(const BufferOptions& options, const Call& write) {
     return clean;
 }
 
-/// Lets the write fail at its n-th allocation; judged by what it leaves, and by whether it then
-/// works.
+/// Makes the write fail at its n-th allocation. Checks the state after it, and that a retry
+/// succeeds.
 void judge_failure(Buffer& buffer, const Call& write, const Clean& clean, long n, long& allocated) {
     bool failed = false;
     allocation::until_failure = n;
@@ -203,7 +203,7 @@ void judge_failure(Buffer& buffer, const Call& write, const Clean& clean, long n
         write(buffer);
         CHECK_EQ(all_of(buffer), clean.after);
     }
-    // Nothing was left behind in the region either.
+    // The region has no leaked blocks either.
     CHECK(buffer.memory().used_bytes <= clean.used_after);
     set(buffer, kMap, kAfter, 200, pose_of(9));  // no lock is held
     CHECK_EQ(number_of(buffer.lookup_transform(kMap, kAfter, 200).pose), 9.0);
@@ -218,7 +218,7 @@ TFDB_TEST(allocation_that_fails_in_a_write_stores_nothing_and_keeps_no_lock) {
         for (const Named& write : writes()) {
             const Clean clean = clean_run(options, write.call);
             long allocated = 0;
-            // Not until one succeeds: what can do without a buffer (to sort, say) does.
+            // Does not stop at the first success: a sort, for example, can work without its buffer.
             for (long n = 0; n <= allocated; ++n) {
                 Buffer buffer(options);
                 fill(buffer);
@@ -238,7 +238,7 @@ TFDB_TEST(allocation_of_blocks_that_fails_is_no_commit) {
             options.memory_limit.reset();
             const Clean clean = clean_run(options, write.call);
             bool failed = true;
-            // The limit rises by the least that a block can take.
+            // The limit rises by the smallest block size.
             for (options.memory_limit = clean.used_before; failed; *options.memory_limit += 64) {
                 Buffer buffer(options);
                 try {

@@ -11,7 +11,7 @@ using namespace isolation;
 constexpr double kSum = 1.1;
 constexpr StampNs kPeriod = 10;
 
-/// A joint that turns by `angle` about z, a link of one metre along.
+/// A joint rotated by `angle` about z, and a link of one metre along x.
 Pose joint(double angle) {
     return {{1.0, 0.5, -0.25}, {0, 0, std::sin(angle / 2), std::cos(angle / 2)}};
 }
@@ -26,7 +26,7 @@ void write_both(Buffer& buffer, int i) {
     buffer.set_transforms(batch, false, "arm");
 }
 
-/// Whether the angles of T[base<-fore], or of its inverse, do not sum to the constant.
+/// True if the angles of T[base<-fore], or of its inverse, do not sum to the constant.
 bool violates(const Answer& answer, Direction direction) {
     const geometry::Quat q = answer.pose.rotation;
     const double half = direction == Direction::kDown ? kSum / 2 : -kSum / 2;
@@ -34,8 +34,8 @@ bool violates(const Answer& answer, Direction direction) {
     return answer.edges.size() != 2 || std::fabs(std::fabs(along) - 1.0) > 1e-9;
 }
 
-/// One reader of both forms of read, in both directions; counts what violates. In `fine` an edge
-/// may be ahead of the other by more than it remembers, so that a common time is missing.
+/// One reader that uses both kinds of reads in both directions, and counts violations. In `fine`
+/// one edge may be ahead of the other by more than its history, so that no common time exists.
 struct Reader {
     Buffer& buffer;
     bool only_latest = false;
@@ -54,7 +54,7 @@ struct Reader {
                 continue;
             const Answer common = buffer.lookup_transform(target, source);
             violations += violates(common, direction);
-            // Between two samples both angles are mixed alike.
+            // Between two samples both angles are interpolated with the same weight.
             const Answer between =
                 buffer.lookup_transform(target, source, common.stamp - kPeriod / 3);
             violations += violates(between, direction);
@@ -63,7 +63,7 @@ struct Reader {
     }
 };
 
-/// `writes` batches, the next one due `period` after the one before; zero: flat out.
+/// `writes` batches, one per `period`; zero: without pauses.
 void at_rate(Concurrency engine, std::chrono::nanoseconds period, int writes, long reads) {
     Buffer buffer(options_of(engine));
     for (int i = 0; i < 3; ++i)
@@ -114,7 +114,7 @@ TFDB_TEST(arm_flat_out) {
 }
 
 TFDB_TEST(arm_of_one_mutex_without_batches_violates_the_sum) {
-    // The reader looks between the two writes, whichever thread is faster: so is tf2 used at best.
+    // The reader always reads between the two writes. This is tf2's best case.
     Buffer buffer(options_of(Concurrency::kGiant, 5000));
     for (int i = 0; i < 3; ++i)
         write_both(buffer, i);

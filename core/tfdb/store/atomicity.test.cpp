@@ -1,4 +1,4 @@
-// A commit is all or nothing, wherever in the batch the bad member stands.
+// A commit is all or nothing, at every position of the bad member in the batch.
 #include <algorithm>
 #include <functional>
 #include <limits>
@@ -35,7 +35,7 @@ std::vector<Bad> bad_members() {
     };
 }
 
-/// Good members that make frames, grow an edge, come late, correct and re-parent.
+/// Valid members that make frames, extend an edge, come late, correct, and re-parent.
 std::vector<TransformView> good_members() {
     return {{"map", "fresh", 50 * kSecond, pose_of(21)},
             {"fresh", "fresher", 50 * kSecond, pose_of(22)},

@@ -7,7 +7,7 @@ namespace {
 
 using namespace fixture;
 
-/// As long as names are that people give.
+/// A name of typical length.
 std::string author_of(int i) {
     return "/robot_7/localisation/instance_that_was_started_anew/" + std::to_string(i);
 }

@@ -1,4 +1,4 @@
-// The change feed: what each commit did, whole, in order, however old it is.
+// The change feed: the complete effect of each commit, in order, at any age.
 #include <atomic>
 #include <random>
 #include <thread>
@@ -25,7 +25,7 @@ Changes only(const Buffer& buffer, CommitNumber since) {
     return all.empty() ? Changes{} : all.front();
 }
 
-/// Applies a record as a follower does; members of one commit are stored together.
+/// Applies a record like a follower; stores the members of one commit together.
 void follow(Buffer& replica, const Changes& changes) {
     if (!changes.cleared.empty() && changes.stored.empty())
         replica.clear();
@@ -89,7 +89,7 @@ private:
         const std::uint64_t first = below(7);
         for (auto& [parent, child] : names) {
             parent = name();
-            // Each once: a frame that only a replaced member names is in no sample.
+            // Each frame once: a frame that only a replaced member names has no sample.
             child = "frame" + std::to_string((first + batch.size()) % 7);
             const StampNs late = below(4) == 0 ? static_cast<StampNs>(below(30)) : 0;
             batch.push_back({parent, child, std::max<StampNs>(0, clock_ - late),
@@ -306,7 +306,7 @@ TFDB_TEST(changes_that_were_overwritten_are_refused) {
     std::vector<TransformView> batch;
     for (const auto& name : names)
         batch.push_back({"map", name, 1, pose_of(1)});
-    // Some 30 of them fill the ring.
+    // About 30 of them fill the ring.
     for (StampNs stamp = 1; stamp <= 80; ++stamp) {
         for (auto& member : batch)
             member.stamp = stamp;
@@ -324,7 +324,7 @@ TFDB_TEST(changes_that_were_overwritten_are_refused) {
     for (const Changes& changes : rest)
         CHECK(changes.stored.size() == 2000 && changes.stored[7].gone == 0);
     THROWN(FeedLapped, buffer.changes(oldest - 1));
-    // Commits alone wear the feed out, too.
+    // Commits without samples also fill the feed.
     for (StampNs stamp = 100; stamp < 16'600; ++stamp)
         set(buffer, "map", "frame0", stamp, pose_of(2));
     CHECK_EQ(buffer.changes(buffer.commit() - 16'000).size(), std::size_t{16'000});
@@ -341,7 +341,7 @@ TFDB_TEST(changes_go_on_from_the_commit_that_the_error_names) {
         for (StampNs stamp = 2; !ended.load(); ++stamp)
             set(buffer, "map", "base", stamp, pose_of(2));
     });
-    // Resumed at the oldest commit, this is lapped again thousands of times in a row.
+    // If it resumes at the oldest commit, the feed overruns it again, thousands of times.
     constexpr CommitNumber kEnough = 300'000;
     constexpr int kMostLaps = 3'000;
     CommitNumber seen = 0;

@@ -1,5 +1,5 @@
-// A hundred thousand frames that come and go together, and ten thousand that change their parent,
-// beside readers: memory stays flat, answers stay right.
+// A hundred thousand frames are made and removed together, and ten thousand change their parent,
+// beside readers. Memory does not grow, and results stay right.
 #include <atomic>
 #include <functional>
 #include <random>
@@ -30,7 +30,7 @@ constexpr std::size_t kCarts = 10'000;
 constexpr int kRounds = 4;
 constexpr unsigned kSeed = 11;
 
-/// Calls each reader again and again, with a generator of its own, until `body` is done.
+/// Calls each reader repeatedly, with its own random generator, until `body` returns.
 void beside(const std::function<void()>& body,
             const std::vector<std::function<void(std::mt19937&)>>& readers) {
     std::atomic<bool> done{false};
@@ -69,7 +69,7 @@ struct Crowd {
         std::shuffle(departures.begin(), departures.end(), random);
     }
 
-    /// Looks one of them up: it is there with its pose, or not there.
+    /// Looks one of them up: it has its pose or is missing.
     void look(const StoreReader& reads, std::mt19937& random) const {
         const std::size_t i = random() % names.size();
         try {
@@ -86,7 +86,7 @@ struct Crowd {
 
 constexpr int kMoves = 6;
 
-/// Carts that stood in the hall (map <- hall is pose 1) and in the yard (pose 2) by turns.
+/// Carts that move between the hall (map <- hall is pose 1) and the yard (pose 2).
 void check_moves(const Buffer& buffer, const std::vector<std::string>& carts) {
     for (std::size_t i = 0; i < kCarts; i += kCarts / 100) {
         for (int move = 0; move <= kMoves; ++move) {
@@ -154,7 +154,7 @@ TFDB_TEST(churn_under_a_held_snapshot_grows_once_and_falls_back) {
             {
                 const Snapshot held = buffer.snapshot();
                 buffer.remove_frames(crowd.departures, false);
-                // The removed frames stay: for each samples, a name, entries in the table of names.
+                // Memory of removed frames: samples, a name, and entries in the name table.
                 const std::size_t most = settled + crowd.names.size() * 1024;
                 CHECK(round() <= 2 * most);
                 std::mt19937 random(kSeed);
@@ -162,7 +162,7 @@ TFDB_TEST(churn_under_a_held_snapshot_grows_once_and_falls_back) {
                     crowd.look(held, random);
                 CHECK_EQ(held.frames().size(), crowd.names.size() + 2);
             }
-            // But for the table, which keeps the size that it had to have for all of them.
+            // Except the name table, which keeps its greatest size.
             const std::size_t table = crowd.names.size() * 2 * 8 * 8;
             CHECK(round() <= settled + table);
             const std::size_t again = round();
@@ -210,7 +210,7 @@ TFDB_TEST(churn_of_parents_is_seen_whole_at_and_around_its_stamp) {
         {together, together});
 
     check_moves(buffer, carts);
-    // None of them may become a descendant of its own load, whichever frames move with it.
+    // No cart may become a descendant of its own load.
     auto wrong = all_at("yard", 9000, 0.0);
     wrong[kCarts / 2].parent = loads[kCarts / 2];
     const auto error = THROWN(CycleError, buffer.set_transforms(wrong, false, ""));

@@ -1,4 +1,4 @@
-// The clock of a store: what it shows, who sees it, and how sleeps follow it.
+// The clock of a store: its time, its visibility in other processes, and sleeps on it.
 #include "tfdb/store/clock.hpp"
 
 #include <chrono>
@@ -25,8 +25,7 @@ StampNs system_time() {
     return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
-/// Whether a sleep of a thread ends when `act` is done. It does not time anything: without an end
-/// the test does not end.
+/// Returns when `act` has ended a thread's sleep. It uses no timeout: otherwise the test hangs.
 template <class Act>
 bool sleeps_until(const Clock& clock, StampNs stamp, Act act) {
     std::optional<bool> came;

@@ -1,4 +1,4 @@
-// Columns of one edge against the same samples one by one: whatever is in them, both do the same.
+// Columns of one edge, compared with the same samples one by one: both have the same effect.
 #include <cstdio>
 #include <cstring>
 #include <limits>
@@ -13,7 +13,7 @@ namespace {
 
 using namespace fixture;
 
-/// A column for each field, and what is written with them.
+/// A column for each field, and the other arguments of the write.
 struct Given {
     std::string parent = "map";
     std::string child = "base";
@@ -33,7 +33,7 @@ struct Given {
     }
 };
 
-/// All that a store tells of its frames, poses bit for bit, and of its counters.
+/// All frames of a store, with their poses bit for bit, and its counters.
 std::string picture(const Buffer& buffer) {
     std::string text = std::to_string(buffer.commit()) + " " +
                        std::to_string(buffer.memory().samples) + " " +
@@ -59,7 +59,7 @@ std::string words_of(const std::vector<RefusedMember>& refused) {
     return text;
 }
 
-/// What a write says: its commit, or its error with all that was refused.
+/// Result of a write: its commit, or its error with all refused members.
 template <class Write>
 std::string outcome(Write&& write) {
     try {
@@ -121,7 +121,7 @@ void same_both_ways(const Given& given, std::optional<std::size_t> memory_limit 
     CHECK(picture(some) == picture(some_single));
 }
 
-/// Plain columns that begin at a stamp.
+/// Valid columns that begin at a stamp.
 Given plain(std::size_t rows, StampNs first = 48 * kSecond, StampNs step = 1'000'000) {
     Given given;
     for (std::size_t i = 0; i < rows; ++i) {

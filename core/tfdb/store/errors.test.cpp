@@ -1,4 +1,4 @@
-// Every error: its fields, its words, and a store that is as it was.
+// Every error: its fields, its text, and an unchanged store.
 #include <limits>
 
 #include "tfdb/store/fixture.hpp"
@@ -12,8 +12,8 @@ using lookup::PolicyKind;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// map <- base moves from 1 s to 3 s with a gap of 1 s; base <- camera is static; the moon is
-/// apart.
+/// map <- base moves from 1 s to 3 s with a gap of 1 s. base <- camera is static. moon is in
+/// another tree.
 Buffer robot() {
     Buffer buffer(keeping(10 * kSecond));
     for (const StampNs stamp : {10, 11, 12, 20, 21, 30})
@@ -23,7 +23,7 @@ Buffer robot() {
     return buffer;
 }
 
-/// Everything that the store tells of itself, to compare.
+/// The store's whole visible state, for comparison.
 std::string picture(const Buffer& buffer) {
     std::string text = std::to_string(buffer.commit());
     for (const FrameInfo& info : buffer.tree()) {
@@ -78,7 +78,7 @@ TFDB_TEST(error_disconnected_names_both_roots) {
 }
 
 TFDB_TEST(error_disconnected_names_an_edge_that_was_out_of_its_range) {
-    // tool hangs on the arm until 30 s, later on the ship, which is in another tree.
+    // tool is a child of arm until 30 s, and then of ship, which is in another tree.
     Buffer buffer(keeping(std::nullopt));
     set_static(buffer, "map", "arm", pose_of(1));
     set_static(buffer, "sea", "ship", pose_of(2));
@@ -92,11 +92,11 @@ TFDB_TEST(error_disconnected_names_an_edge_that_was_out_of_its_range) {
     CHECK(late && late->detail().oldest == 10 * kSecond && late->detail().newest == 30 * kSecond);
     CHECK(late && says(*late, "edge T['ship'<-'tool'] has no data at 40.000000000 s") &&
           says(*late, "(it covers 10.000000000 s to 30.000000000 s)"));
-    // The other way round the culprit is on the target's side.
+    // In the other direction the failing edge is on the target's side.
     const auto early = THROWN(Disconnected, buffer.lookup_transform("tip", "sea", 5 * kSecond));
     CHECK(early && early->detail().edge == "tool" && early->detail().parent == "arm");
     CHECK(early && early->detail().reason == "past" && early->detail().stamp == 5 * kSecond);
-    // Where all edges have data no edge is named, and the newest samples have no common stamp.
+    // If all edges have data, the error names no edge: the newest samples have no common stamp.
     const auto apart = THROWN(Disconnected, buffer.lookup_transform("map", "tip", 30 * kSecond));
     CHECK(apart && apart->detail().edge.empty() && !apart->detail().oldest);
     const auto newest = THROWN(Disconnected, buffer.lookup_transform("map", "tip"));

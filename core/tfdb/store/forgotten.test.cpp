@@ -14,7 +14,7 @@ using namespace fixture;
 
 constexpr StampNs kHistory = 100;
 
-/// Writes samples to a store and counts; compares the count with the store's content.
+/// Writes samples to a store, counts losses, and compares the count with the store's content.
 class Compared {
 public:
     void write(const std::string& child, StampNs stamp) {

@@ -1,4 +1,4 @@
-// Frames come and go: removal, the same name again, slots and memory reused.
+// Removal of frames, frames of the same name again, reuse of slots and memory.
 #include <algorithm>
 
 #include "tfdb/store/fixture.hpp"
@@ -58,7 +58,7 @@ TFDB_TEST(frames_name_made_again_is_a_new_frame) {
     CHECK_THROWS_AS(buffer.lookup_transform("map", "eye", kSecond), Disconnected);
     CHECK_EQ(number_of(buffer.lookup_transform("map", "eye", 2 * kSecond).pose), 5.0);
     set(buffer, "map", "base", kSecond, pose_of(7));
-    // The old samples point to the frame that is gone, not to its namesake.
+    // The old samples name the removed frame, not the new frame of that name.
     CHECK_THROWS_AS(buffer.lookup_transform("base", "eye", kSecond), Disconnected);
     CHECK_EQ(buffer.frame_info("base").samples, 1U);
     CHECK_EQ(number_of(buffer.lookup_transform("map", "base", kSecond).pose), 7.0);
@@ -126,7 +126,7 @@ TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
     CHECK_EQ(buffer.frame_name(ghost.id, ghost.generation), "(removed)");
 }
 
-/// However often the slot was reused since: its count of reuses has 20 bits.
+/// Also after the slot's generation, which has 20 bits, has wrapped around.
 TFDB_TEST(frames_old_handle_never_fits_again) {
     Buffer buffer(defaults());
     set(buffer, "map", "ghost", kSecond, pose_of(1));
@@ -288,7 +288,7 @@ TFDB_TEST(frames_reach_tells_which_edge_has_no_data) {
     CHECK(buffer.reach("arm", "eye", {}).end == Reach::kApart);
     CHECK(is_gap(buffer.reach("arm", "eye", 30), "arm", 20, 20));
     CHECK(is_gap(buffer.reach("world", "eye", 30), "base", 20, 20));
-    // The walk from the source goes on above the frame at which the two could meet.
+    // The walk from the source continues above the frame at which the two could meet.
     set(buffer, "odom", "lamp", 40, pose_of(6));
     set(buffer, "odom", "lamp", 50, pose_of(6));
     CHECK(buffer.reach("base", "lamp", 40).end == Reach::kGap);

@@ -1,5 +1,5 @@
-// A frozen store says what the state says that it was made from, refuses what it cannot do, and is
-// refused when it is not what was written.
+// A frozen store returns the results of its source state, and refuses writes. A damaged file is
+// refused.
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -23,7 +23,7 @@ namespace {
 using namespace fixture;
 using lookup::PolicyKind;
 
-/// A name for a file of a test, which goes with it. Threads: one. Guarantee: none.
+/// The name of a test's file, which is deleted at the end. Threads: one. Guarantee: none.
 class FileName {
 public:
     explicit FileName(const char* end = "")
@@ -47,7 +47,7 @@ constexpr std::array<Policy, 8> kPolicies = {{{PolicyKind::kInterpolate, lookup:
                                               {PolicyKind::kNearest, 12},
                                               {PolicyKind::kExtrapolate, 300}}};
 
-/// Text that only the same bits give.
+/// Text that is equal only for equal bits.
 std::string bits(const Pose& pose) {
     std::string text;
     const double* part = &pose.translation.x;
@@ -73,7 +73,7 @@ std::string shown(const StoreReader& reads, const Answer& answer) {
     return text;
 }
 
-/// What an answer is, or what its error says.
+/// A result, or the text of its error.
 template <class Ask>
 void note(std::vector<std::string>& all, Ask ask) {
     try {
@@ -83,7 +83,7 @@ void note(std::vector<std::string>& all, Ask ask) {
     }
 }
 
-/// Everything that one state can be asked, at these stamps.
+/// The results of all reads of one state at these stamps.
 std::vector<std::string> everything(const StoreReader& reads, const std::vector<StampNs>& stamps) {
     std::vector<std::string> all{std::to_string(reads.commit())};
     for (const FrameInfo& info : reads.tree())
@@ -148,7 +148,7 @@ void check_same(const std::vector<std::string>& frozen, const std::vector<std::s
     }
 }
 
-/// A store that much happens to: late samples, repeated stamps, other parents and kinds, removals.
+/// A store with late samples, repeated stamps, changed parents and kinds, and removals.
 void stir(Buffer& buffer, std::mt19937& random, int steps, StampNs& now) {
     constexpr std::array<std::string_view, 7> kNames = {"map",  "odom",   "base", "arm",
                                                         "hand", "camera", "tool"};
@@ -200,7 +200,7 @@ TFDB_TEST(frozen_store_says_what_the_state_says) {
             const Buffer frozen = Buffer::open_frozen(file, true);
             std::vector<std::string> there = everything(held, stamps);
             const std::vector<std::string> here = everything(frozen, stamps);
-            // Who wrote, and what came late, is of the newest state.
+            // Authorities and counts of late samples are those of the newest state.
             check_same(here, there);
             check_same(everything(frozen.snapshot(), stamps), here);
             CHECK(frozen.history() == buffer.history());
@@ -242,7 +242,7 @@ TFDB_TEST(frozen_store_holds_edges_of_every_length) {
         }
     }
     CHECK_EQ(frozen.memory().samples, buffer.memory().samples);
-    // A sample takes 72 bytes, and next to nothing comes to that.
+    // A sample takes 72 bytes; all else is negligible.
     struct stat status {};
     CHECK_EQ(::stat(std::string(file).c_str(), &status), 0);
     CHECK_EQ(frozen.frozen()->size, static_cast<std::size_t>(status.st_size));
@@ -311,7 +311,7 @@ TFDB_TEST(frozen_store_may_be_written_under_its_name) {
     const std::string& path = file;
     Buffer buffer(defaults());
     set(buffer, "map", "base", 10, pose_of(1.0));
-    // So long a name that none can be made from it by adding to it.
+    // The longest valid file name, so that a temporary name cannot extend it.
     const std::string longest = path.substr(0, path.rfind('/') + 1) + std::string(255, 'n');
     ::unlink(longest.c_str());
     for (const std::string& name : {path, longest}) {
@@ -346,7 +346,7 @@ TFDB_TEST(frozen_store_is_refused_when_it_is_none_or_damaged) {
         byte = static_cast<char>(byte ^ 16);
         CHECK_EQ(::pwrite(opened, &byte, 1, at), 1);
     };
-    // Each byte of the words in front, and some of all the others.
+    // Each byte of the first words, and some of the other bytes.
     for (off_t at = 0; at < bytes; at += at < 128 ? 1 : 4093) {
         flip(at);
         CHECK(THROWN(CorruptStore, (void)Buffer::open_frozen(file, true)));
@@ -394,7 +394,7 @@ TFDB_TEST(frozen_store_that_is_damaged_ends_nobody) {
             } catch (const SnapshotTooOld&) {
                 ::_exit(2);  // it has no writers
             } catch (const std::exception&) {
-                // It said so.
+                // The error is the expected one.
                 ::_exit(1);
             }
             ::_exit(0);

@@ -13,11 +13,11 @@ constexpr int kJoints = 4;
 constexpr const char* kChain[] = {"map", "j1", "j2", "j3", "j4"};
 constexpr int kCommits = 3'000;
 
-/// The chain's poses in one generation; no two generations compose to the same.
+/// The chain's poses in one generation. Different generations compose to different poses.
 Pose joint_pose(int joint, int generation) {
     return pose_of(10.0 * joint + 0.25 * generation);
 }
-/// T[map<-j4] if every joint is of its own generation.
+/// T[map<-j4] if each joint has its own generation.
 Pose composed(const int (&generations)[kJoints]) {
     Pose pose = joint_pose(1, generations[0]);
     for (int joint = 2; joint <= kJoints; ++joint)
@@ -28,7 +28,7 @@ Pose composed(int generation) {
     return composed({generation, generation, generation, generation});
 }
 
-/// One generation in one batch: unsorted, each frame twice, the later member counts.
+/// One generation in one batch. It is unsorted and has each frame twice; the later member counts.
 void write_whole(Buffer& buffer, int generation) {
     const StampNs stamp = 10 * generation;
     std::vector<TransformView> batch;
@@ -40,7 +40,7 @@ void write_whole(Buffer& buffer, int generation) {
     buffer.set_transforms(batch, false, "");
 }
 
-/// Repeats `look` until all writers are done; then once more.
+/// Calls `look` until all writers have ended, and then once more.
 void beside(const std::vector<std::function<void()>>& writers,
             const std::vector<std::function<void()>>& looks) {
     std::atomic<std::size_t> writing{writers.size()};
@@ -65,14 +65,14 @@ void beside(const std::vector<std::function<void()>>& writers,
     side_by_side(bodies);
 }
 
-/// Reads the whole chain beside a writer of batches; how many answers were of no generation.
+/// Reads the whole chain beside a writer of batches. Returns how many results mix generations.
 long torn_batches(const Case& c, const std::function<bool(long)>& enough) {
     Buffer buffer(options_of(c.engine, 2000));
     write_whole(buffer, 0);
     std::atomic<int> begun{0};
     std::atomic<long> torn{0};
     const auto look = [&] {
-        // In `fine` joints may be so far apart that they have no common time.
+        // In `fine` the joints' samples may be so far apart that no common time exists.
         for (const bool latest : {true, c.engine == Concurrency::kFine}) {
             const CommitNumber least = buffer.commit();
             const Answer answer = c.direction == Direction::kDown
@@ -100,8 +100,8 @@ long torn_batches(const Case& c, const std::function<bool(long)>& enough) {
     return torn.load();
 }
 
-/// A lookup that saw a later commit must not have missed an earlier one: the writer sets the upper
-/// joint first in one test, the lower one in the other.
+/// A lookup that sees a later commit must also see the earlier one. The writer sets the upper joint
+/// first in one test, and the lower one in the other.
 long torn_paths(const Case& c, bool upper_first) {
     Buffer buffer(options_of(c.engine, 2000));
     write_whole(buffer, 0);
@@ -139,8 +139,8 @@ long torn_paths(const Case& c, bool upper_first) {
     return torn.load();
 }
 
-/// Two writers of an edge each, readers of the path between them: what all readers together saw
-/// must be ordered.
+/// Two writers with an edge each, and readers of the path between them. All readers must agree on
+/// one order.
 void long_fork(const Case& c) {
     Buffer buffer(options_of(c.engine, 2000));
     const TransformView both[] = {{"map", "right", 0, pose_of(1)}, {"map", "left", 0, pose_of(1)}};
@@ -172,7 +172,7 @@ void long_fork(const Case& c) {
         CHECK(all[i - 1].second <= all[i].second);
 }
 
-/// A lookup sees each commit that was done before it began, of every writer.
+/// A lookup sees all commits of all writers that ended before it began.
 void stale_read(const Case& c) {
     Buffer buffer(options_of(c.engine, 2000));
     write_whole(buffer, 0);

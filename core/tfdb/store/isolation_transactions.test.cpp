@@ -6,7 +6,7 @@ namespace {
 
 using namespace isolation;
 
-/// map <- x, map <- y and map <- mark; x moves below it, so that paths have two edges.
+/// map <- x, map <- y and map <- mark. x has a moving child, so that paths have two edges.
 void prepare(Buffer& buffer, double x, double y, double mark) {
     const TransformView batch[] = {{"map", "y", 20, pose_of(y)},
                                    {"map", "x", 20, pose_of(9)},
@@ -20,7 +20,7 @@ int read(Transaction& tx, Direction direction, const char* frame) {
 
 // -- lost_update
 
-/// Two transactions add one to the same edge; they have both read before either writes.
+/// Two transactions add one to the same edge. Both read before either writes.
 int lost_update(const Case& c) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 5, 0, 0);
@@ -40,7 +40,7 @@ int lost_update(const Case& c) {
 
 // -- write_skew
 
-/// Each takes itself off duty if it has seen both on duty: one of them must stay.
+/// Each transaction ends its own duty if it sees both on duty. One must stay on duty.
 int write_skew(const Case& c) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 1, 1, 0);
@@ -60,7 +60,7 @@ int write_skew(const Case& c) {
            whole(newest(buffer, c.direction, "map", "y"));
 }
 
-// -- phantoms: one reads an answer and writes it to `mark`; one reads `mark` and changes the answer
+// -- phantoms: one reads a result and writes it to `mark`; one reads `mark` and changes the result
 
 struct Outcome {
     int mark;    // what the first one saw
@@ -90,7 +90,7 @@ Outcome phantom(const Case& c, Buffer& buffer, const Answer& answer, const Chang
     return outcome;
 }
 
-/// An inserted sample between two others would have changed the interpolated answer.
+/// A sample between two others would have changed the interpolated result.
 Outcome phantom_sample(const Case& c) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 10, 0, 50);
@@ -101,7 +101,7 @@ Outcome phantom_sample(const Case& c) {
         [&](Transaction& tx, int mark) { put(tx, "map", "x", 30, mark); });
 }
 
-/// A newer sample would have changed the latest answer, and the common time.
+/// A newer sample would have changed the latest result and the common time.
 Outcome phantom_newest(const Case& c, bool common) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 15, 0, 50);
@@ -114,7 +114,7 @@ Outcome phantom_newest(const Case& c, bool common) {
         [&](Transaction& tx, int mark) { put(tx, "map", "x", 30, mark); });
 }
 
-/// A frame that is not there, and comes.
+/// A missing frame that another transaction makes.
 Outcome phantom_frame(const Case& c) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 1, 0, 50);
@@ -123,21 +123,21 @@ Outcome phantom_frame(const Case& c) {
         [&](Transaction& tx, int mark) { put(tx, "map", "new", 30, mark); });
 }
 
-/// Another parent makes another path: x hangs below y, which is 100 away, or below map.
+/// Another parent changes the path: x is a child of y, which is 100 away, or of map.
 Outcome phantom_reparent(const Case& c) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 15, 100, 50);
     return phantom(
         c, buffer, [&](Transaction& tx) { return read(tx, c.direction, "x"); },
         [&](Transaction& tx, int mark) {
-            // Below y, so that T[map<-x] is the mark.
+            // A child of y, so that T[map<-x] is the mark.
             const Pose y = newest(tx, c.direction, "map", "y");
             const Pose pose = geometry::compose(geometry::inverse(y), pose_of(mark));
             tx.reparent("x", "y", 30, pose, "tx");
         });
 }
 
-/// A clear and a new sample in one commit: what was read is gone.
+/// A clear and a new sample in one commit remove the data that was read.
 Outcome phantom_clear(const Case& c) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 15, 0, 50);
@@ -150,10 +150,10 @@ Outcome phantom_clear(const Case& c) {
         });
 }
 
-// -- a clear that has read nothing comes after what others commit meanwhile
+// -- a clear without reads is ordered after concurrent commits
 
-/// The newest x after a clear and a new sample, beside somebody else's newer one. A clear writes
-/// every moving edge blindly: neither loses.
+/// The newest x after a clear and a new sample, beside another transaction's newer sample. A clear
+/// writes every moving edge without reading it, so neither transaction aborts.
 int blind_clear(const Case& c) {
     Buffer buffer(options_of(c.engine));
     prepare(buffer, 1, 2, 0);
@@ -181,8 +181,8 @@ int blind_clear(const Case& c) {
     return whole(newest(buffer, c.direction, "map", "x"));
 }
 
-/// One after the other: the first saw what was there (15) or what the second made of 50; the second
-/// saw 50 or what the first made of 15.
+/// True for a serial order: the first saw 15 or the second's result of 50, and the second saw 50 or
+/// the first's result of 15.
 void one_after_the_other(const Outcome& outcome) {
     const bool first = outcome.mark == 15 && outcome.change == 15;
     const bool second = outcome.mark == 50 && outcome.change == 50;
@@ -196,7 +196,7 @@ struct Twice {
     int after;
 };
 
-/// Reads in one transaction before and after somebody else's commit. None: the transaction lost.
+/// Reads in one transaction before and after another commit. Empty if the transaction aborts.
 template <class Answer, class Change>
 std::optional<Twice> read_twice(Concurrency engine, Buffer& buffer, const Answer& answer,
                                 const Change& change) {
@@ -225,7 +225,7 @@ std::optional<Twice> read_twice(Concurrency engine, Buffer& buffer, const Answer
     return seen;
 }
 
-/// What changes between two reads: the newest sample, one in the middle, the parent, the frame.
+/// Changes between the two reads: the newest sample, a sample in the middle, the parent, the frame.
 std::vector<std::optional<Twice>> all_read_twice(const Case& c) {
     std::vector<std::optional<Twice>> seen;
     const auto twice = [&](const auto& answer, const auto& change) {
@@ -253,7 +253,7 @@ std::vector<std::optional<Twice>> all_read_twice(const Case& c) {
     return seen;
 }
 
-/// `show(direction)` in `fine`, which promises no isolation, until it has shown the anomaly.
+/// Repeats `show(direction)` until the anomaly occurs in `fine`, which has no isolation.
 template <class Show>
 void shown_by_fine(const Show& show) {
     for (const Direction direction : {Direction::kDown, Direction::kUp}) {

@@ -1,4 +1,4 @@
-// Lifespans that are enforced: every way to ask over an edge that is too old.
+// Enforced lifespans: every kind of read over an expired edge.
 #include "tfdb/store/lifespans.hpp"
 
 #include <array>
@@ -44,7 +44,7 @@ struct Robot {
     Buffer buffer{fixture::keeping(std::nullopt)};
 };
 
-/// What lookups of T[map<-camera], or a part of it, fail with in all ways; none: they do not.
+/// The error of all kinds of lookups of T[map<-camera], or a part of it. Empty if they succeed.
 template <class Asked>
 std::optional<ErrorDetail> refusal(Asked& asked, const std::function<void(Asked&)>& lookup) {
     try {

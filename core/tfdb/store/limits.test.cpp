@@ -1,4 +1,4 @@
-// A store at its limits refuses, stays usable and loses nothing.
+// A store at its limits refuses writes, stays usable, and loses no data.
 #include "tfdb/store/fixture.hpp"
 
 namespace tfdb {
@@ -69,14 +69,14 @@ TFDB_TEST(limits_memory_is_refused_and_nothing_lost) {
     }());
     CHECK(error && says(*error, "memory limit of 262144 bytes"));
     if (engine() == Concurrency::kSnapshot || engine() == Concurrency::kGiant) {
-        // A commit beside others has its number before it is refused.
+        // A concurrent commit gets its number before it is refused.
         CHECK_EQ(buffer.commit(), static_cast<CommitNumber>(stamp));
     }
     CHECK(stamp >= 1000);
     for (StampNs s = 0; s < stamp; ++s)
         CHECK_EQ(number_of(buffer.lookup_transform("map", "base", s).pose), static_cast<double>(s));
     CHECK_EQ(buffer.samples("base").stamps.size(), static_cast<std::size_t>(stamp));
-    // Smaller things still fit, and what is removed makes room again.
+    // Smaller writes still fit, and removals free memory.
     set_static(buffer, "base", "eye", pose_of(5));
     buffer.remove_frame("base", true);
     set(buffer, "map", "arm", 1, pose_of(6));

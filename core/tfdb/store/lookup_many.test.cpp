@@ -73,8 +73,8 @@ void check_row(const StoreReader& reads, const char* target, const char* source,
 
 }  // namespace
 
-/// Late samples that name another parent: of a refused batch, or later than the snapshot. Asked in
-/// fours, so that each stamp comes after any other.
+/// Late samples with another parent, from a refused batch or newer than the snapshot. Stamps are
+/// looked up in fours, so that each stamp follows any other.
 TFDB_TEST(lookup_many_passes_over_what_its_state_does_not_show) {
     const auto ms = [](StampNs count) { return 1'000'000'000 + 1'000'000 * count; };
     for (const bool refused : {true, false}) {
@@ -277,7 +277,7 @@ TFDB_TEST(transform_points_refused_in_place_leaves_every_point) {
 
 namespace {
 
-/// Rows of T[target<-source], each judged by the single lookup.
+/// Rows of T[target<-source], each compared with the single lookup.
 std::vector<double> rows_like_lookups(const StoreReader& reads, const char* target,
                                       const char* source, const std::vector<StampNs>& stamps,
                                       const Policy& policy) {

@@ -1,4 +1,4 @@
-// What the store keeps, and what it gives back: under held snapshots, late samples and refusals.
+// Memory that the store keeps and frees, with held snapshots, late samples and refused writes.
 #include <deque>
 #include <vector>
 
@@ -16,7 +16,7 @@ std::size_t used(const Buffer& buffer) {
     return use.used_bytes + use.free_bytes;
 }
 
-/// A batch that closes a cycle: it is refused, and with it whatever comes with it.
+/// A batch that closes a cycle: it is refused as a whole.
 std::vector<TransformView> refused_with(std::vector<TransformView> batch) {
     batch.push_back({"x", "y", 1, pose_of(1)});
     batch.push_back({"y", "x", 1, pose_of(2)});
@@ -61,7 +61,7 @@ TFDB_TEST(memory_of_a_burst_that_is_no_longer_retained_is_given_back) {
                  kSamples - 50.0);
     }
     CHECK(buffer.compact());
-    // What is left are the segments that each edge ends with.
+    // Only the last segment of each edge remains.
     CHECK(buffer.memory().samples < 3 * 2048);
     CHECK(buffer.memory().used_bytes < 4 * kMiB);
     CHECK_EQ(buffer.frame_info("base").samples, 1U);
@@ -91,7 +91,7 @@ TFDB_TEST(memory_of_a_cleared_edge_survives_a_refused_batch) {
     CHECK_EQ(number_of(before.lookup_transform("map", "base", 200).pose), 1.0);
 }
 
-/// A clear that was taken back, and what came late since: older snapshots still see their state.
+/// An aborted clear and later late samples: older snapshots still see their state.
 TFDB_TEST(memory_of_an_edge_whose_clear_was_taken_back_is_that_of_its_snapshots) {
     Buffer buffer(keeping(std::nullopt));
     for (StampNs stamp = 0; stamp < 2'000; stamp += 2)
@@ -195,7 +195,7 @@ TFDB_TEST(memory_of_a_batch_among_few_samples_is_small) {
     CHECK_EQ(buffer.frame_info("base").samples, 501U);
 }
 
-/// Late samples cost a held snapshot nothing.
+/// Late samples do not use up a held snapshot's memory.
 TFDB_TEST(memory_of_a_snapshot_is_not_spent_on_late_samples) {
     BufferOptions options = keeping(std::nullopt);
     options.snapshot_memory = kMiB;
@@ -209,7 +209,7 @@ TFDB_TEST(memory_of_a_snapshot_is_not_spent_on_late_samples) {
     CHECK_EQ(held.lookup_transform("map", "base", 50'005).edges.front().after, 50'010);
 }
 
-/// Whatever overlaps, what is kept for snapshots stays within 1.1 times of what may be.
+/// For any overlap, the memory for snapshots stays within 1.1 times the limit.
 TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
     constexpr StampNs kHistory = 2'000;
     constexpr std::size_t kBound = 8 * kMiB;
@@ -248,14 +248,13 @@ TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
             }
             std::printf("  pattern %d: %zu bytes, alone %zu\n", static_cast<int>(pattern), most,
                         alone);
-            // Besides, a quarter of a MiB waits for reads under way, and the directories that the
-            // edge outgrew are free.
+            // In addition, 256 KiB are kept for current reads, and outgrown directories are free.
             CHECK(most <= alone + kBound + kBound / 10 + kMiB);
         }
     }
 }
 
-/// What only a snapshot needed goes once it is closed, also where the stamp never changes.
+/// Data that only a snapshot needs is freed when it is closed, even if the stamp never changes.
 TFDB_TEST(memory_of_the_same_stamp_again_comes_back) {
     for (const bool fixed : {false, true}) {
         Buffer buffer(keeping(std::nullopt));
@@ -284,7 +283,7 @@ TFDB_TEST(memory_of_the_same_stamp_again_comes_back) {
     }
 }
 
-/// Also where one commit goes on with many edges.
+/// Also if one commit writes many edges.
 TFDB_TEST(memory_of_a_snapshot_is_bounded_amid_a_batch) {
     constexpr std::size_t kEdges = 100;
     std::size_t most[2] = {};

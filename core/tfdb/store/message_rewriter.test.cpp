@@ -1,4 +1,4 @@
-// Messages written again: what is copied, encoded, refused and left out.
+// Rewritten messages: copied, encoded, refused and left-out members.
 #include "tfdb/store/message_rewriter.hpp"
 
 #include <functional>
@@ -40,7 +40,7 @@ MessageRewriter::Origin from(Encoding encoding) {
     return {encoding, false, "node", 0};
 }
 
-/// Changes a byte of the name `from`, which is nowhere else in the message.
+/// Changes a byte of the name `from`, which occurs once in the message.
 Bytes with_byte(Bytes message, char from, unsigned char to) {
     for (std::byte& each : message) {
         if (each == static_cast<std::byte>(from))
@@ -114,7 +114,7 @@ TFDB_TEST(message_rewriter_refuses_members_alone) {
         CHECK(rewriter.refusals()[0].code == ErrorCode::kInvalidName);
         CHECK(!rewriter.refusals()[0].is_message);
     }
-    // A control character is in no message's way.
+    // A control character in a name does not prevent copying.
     const Bytes odd = with_byte(good, '#', '\n');
     MessageRewriter rewriter(Encoding::kCdr);
     CHECK(rewriter.rewrite(odd, from(Encoding::kCdr), nullptr).data() == odd.data());
@@ -163,7 +163,7 @@ TFDB_TEST(message_rewriter_keeps_the_slash_before_each_name_that_stays) {
             const Bytes stays = encoded({first}, had);
             const auto same = rewriter.rewrite(stays, from(had), &selection);
             CHECK((Bytes(same.begin(), same.end()) == encoded({first}, to)));
-            // One member of the message gets another name.
+            // One member of the message is renamed.
             const Bytes changes = encoded({first, second}, had);
             const auto made = rewriter.rewrite(changes, from(had), &selection);
             TransformView renamed = second;

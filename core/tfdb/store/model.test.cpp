@@ -1,4 +1,4 @@
-// Random operations on the store, judged by the naive model, with snapshots held across them.
+// Random operations on the store, compared with the naive model, while snapshots are held.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -131,7 +131,7 @@ private:
             model_.set(rest, is_static);
     }
 
-    /// Whether the refused members are the right ones; the others.
+    /// Checks the refused members; returns the others.
     std::vector<Member> judge(const std::vector<Member>& batch, bool is_static, WriteRules rules,
                               const std::vector<RefusedMember>& refused) {
         std::map<std::size_t, ErrorCode> told;
@@ -160,7 +160,7 @@ private:
             right =
                 right && (found == told.end() ? fault == faults.end() : found->second == expected);
         }
-        // Members are left out for a cycle only if there is one, and until there is none.
+        // Members are left out for a cycle only while one exists.
         const bool closes = !sound.empty() && model_.closes_cycle(sound, is_static);
         right = right && closes != left_out.empty() &&
                 (rest.empty() || !model_.closes_cycle(rest, is_static));
@@ -312,7 +312,7 @@ private:
         return times == expected && parent == model_.parent_of(state, source, at);
     }
 
-    /// Frames, their samples, what is told of them, and the tree at a stamp.
+    /// Frames, their samples and information, and the tree at a stamp.
     void look_around(const StoreReader& reads, std::size_t state, StampNs at) const {
         const std::vector<std::string> names = model_.frames(state);
         CHECK(reads.frames() == names);
@@ -335,7 +335,7 @@ private:
         }
     }
 
-    /// Through a frame that stays put; any of the three may be unknown.
+    /// A lookup through a fixed frame; any of the three frames may be unknown.
     bool ask_full(const StoreReader& reads, std::size_t state, const std::string& target,
                   std::optional<StampNs> at, const std::string& source, Policy policy) {
         if (policy.kind == PolicyKind::kLatest || !chance(0.3))
@@ -461,7 +461,7 @@ TFDB_TEST(model_very_late) {
 TFDB_TEST(model_evicting) {
     run_shape({"evicting", 30, 4, 20, 2.0, 3, 0.02, 0.005, 0.002, 500});
 }
-// Without snapshots nothing keeps samples from being evicted, slots from being used again.
+// Without snapshots, samples are evicted and slots reused freely.
 TFDB_TEST(model_evicting_with_no_snapshot_held) {
     run_shape({"evicting, none held", 30, 4, 20, 2.0, 3, 0.02, 0.005, 0.002, 800, 0.0});
 }

@@ -1,4 +1,4 @@
-// Which frames are offered for a name that no frame has.
+// Suggestions for the name of a missing frame.
 #include "tfdb/store/nearest.hpp"
 
 #include "tfdb/store/fixture.hpp"

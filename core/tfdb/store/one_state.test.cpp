@@ -1,4 +1,4 @@
-// Names and answers of one state: a frame that every committed state has is never unknown.
+// Names and results come from one state: a frame that every state has is never unknown.
 #include "tfdb/store/isolation.test.hpp"
 
 namespace tfdb {
@@ -20,7 +20,7 @@ void build(Transaction& tx, double number) {
     tx.set_transforms({&hand, 1}, true, "tx");
 }
 
-/// Takes base with all below it away and makes it again, in one commit.
+/// Removes base with its subtree and makes it again, in one commit.
 void renew(Buffer& buffer, double number) {
     (void)until_committed(buffer, [&](Transaction& tx, bool) {
         tx.remove_frame("base", true);
@@ -28,7 +28,7 @@ void renew(Buffer& buffer, double number) {
     });
 }
 
-/// Every read that names a frame, once; `handles`: those of some earlier state, or none.
+/// Calls each read that names a frame. `handles`: those of an earlier state, or none.
 void read_all(const StoreReader& reads, const FrameHandle (&handles)[2]) {
     Answer answer;
     Failure failure;
@@ -88,7 +88,7 @@ TFDB_TEST(one_state_for_names_and_answers_while_frames_are_made_again) {
 }
 
 TFDB_TEST(one_state_although_a_handle_was_found_in_an_earlier_one) {
-    // What a read does whose names were looked up before a commit that makes the frames again.
+    // A read whose names were resolved before a commit that makes the frames again.
     for (const Concurrency engine : kEngines) {
         Buffer buffer(options_of(engine));
         (void)until_committed(buffer, [](Transaction& tx, bool) { build(tx, 1); });
@@ -107,12 +107,12 @@ TFDB_TEST(one_state_although_a_handle_was_found_in_an_earlier_one) {
         question.source.handle = before[0];
         CHECK(buffer.ask(question, answer, failure));
         CHECK(identical(answer.pose, pose_of(2)));
-        // What it was found to be is what the next question may start from.
+        // The next read may start with the handle that was found.
         CHECK(question.source.handle == after[0]);
         CHECK(held.ask(question, answer, failure));
         CHECK(identical(answer.pose, pose_of(1)));
         CHECK(question.source.handle == before[0]);
-        // Without a name the handle's own frame is meant, and that is gone.
+        // Without a name the handle alone counts, and its frame was removed.
         CHECK(!buffer.ask(store::at_stamp(before[0], before[0], 1, {}), answer, failure));
         CHECK(failure.code == ErrorCode::kUnknownFrame);
     }

@@ -1,5 +1,5 @@
-// Held snapshots that overlap, so that one is held at any time: memory stays bounded, none loses
-// anything.
+// Overlapping held snapshots, so that one is held at any time. Memory stays bounded, and no
+// snapshot loses data.
 #include <deque>
 #include <memory>
 
@@ -13,13 +13,13 @@ using namespace fixture;
 constexpr StampNs kHistory = 100;
 constexpr int kCommits = 20'000;
 
-/// What `base` must be at a stamp that it has.
+/// The expected pose of `base` at one of its stamps.
 double expected(StampNs stamp) {
     return static_cast<double>(stamp % 1000);
 }
 
-/// Commits with `overlap` snapshots held at any time, each for as many commits; returns the most
-/// memory that was used after the first tenth.
+/// Commits while `overlap` snapshots are held, each for `overlap` commits. Returns the greatest
+/// memory use after the first tenth.
 std::size_t most_used(Buffer& buffer, std::size_t overlap) {
     struct Held {
         Snapshot snapshot;
@@ -59,7 +59,7 @@ TFDB_TEST(pins_that_overlap_leave_memory_bounded) {
     const std::size_t least = most_used(none, 0);
     for (const std::size_t overlap : {1U, 2U, 10U, 50U}) {
         Buffer buffer(keeping(kHistory));
-        // A snapshot keeps what came and went since the oldest one, at most twice the overlap.
+        // A snapshot keeps the changes since the oldest one: at most twice the overlap.
         const std::size_t most = most_used(buffer, overlap);
         CHECK(most <= 2 * least + overlap * 4096);
         CHECK(buffer.memory().frames <= 16 + 8 * overlap);
@@ -84,7 +84,7 @@ TFDB_TEST(pins_of_the_newest_state_do_not_stop_a_compaction) {
     for (StampNs stamp = 0; stamp < 1000; ++stamp)
         set(buffer, "map", "burst", stamp, pose_of(expected(stamp)));
     buffer.remove_frame("burst", false);
-    // As a recorder: the next one is there before the last one goes.
+    // Like a recorder: the next snapshot is opened before the last one is closed.
     std::deque<Snapshot> held;
     for (StampNs stamp = 0; stamp < 10; ++stamp) {
         set(buffer, "map", "base", stamp, pose_of(expected(stamp)));
@@ -96,7 +96,7 @@ TFDB_TEST(pins_of_the_newest_state_do_not_stop_a_compaction) {
         CHECK(buffer.compact());
         CHECK_EQ(held.back().frame_info("base").samples, static_cast<std::uint64_t>(stamp) + 1);
     }
-    // Beside one that stays open, none is taken for older than it is.
+    // Beside a snapshot that stays open, the others count with their own commits.
     set(buffer, "map", "base", 10, pose_of(1));
     CHECK(!buffer.compact());
     CHECK_EQ(held.back().frame_info("base").newest, 9);

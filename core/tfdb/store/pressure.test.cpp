@@ -1,4 +1,4 @@
-// Readers under pressure: memory that is short, and slots that are reused beside a listing.
+// Readers while memory is short, and while slots are reused during a listing.
 #include <atomic>
 #include <string>
 #include <thread>
@@ -26,7 +26,7 @@ ErrorCode code_of_lookup(const StoreReader& reads, StampNs stamp) {
     return ErrorCode::kInvalidArgument;  // none: it answered
 }
 
-/// A frame table of `count` children, of which `churn` removes one and makes another.
+/// A frame table of `count` children; `churn` removes one and makes another.
 Buffer small_store(int count) {
     BufferOptions options;
     options.max_frames = static_cast<std::uint32_t>(count) + 2;

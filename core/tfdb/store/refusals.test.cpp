@@ -1,4 +1,4 @@
-// Batches with bad members: each is named, and on demand the good ones are stored all the same.
+// Batches with invalid members: the error names each, and `partial` stores the valid ones.
 #include <algorithm>
 #include <limits>
 
@@ -23,7 +23,7 @@ Buffer robot() {
     return buffer;
 }
 
-/// All that the store tells of itself, but for the memory.
+/// The store's whole visible state, except memory.
 std::string picture(const Buffer& buffer) {
     std::string text = std::to_string(buffer.commit()) + " " +
                        std::to_string(buffer.memory().samples) + " " +
@@ -47,8 +47,8 @@ Indices indices(const std::vector<RefusedMember>& refused) {
     return found;
 }
 
-/// What is refused as a whole, and that nothing was changed by it: edges may have grown to be
-/// tried, but not again the next time.
+/// Checks that the whole batch is refused without a change. Edges may grow in the attempt, but not
+/// again in the next one.
 template <class E>
 std::vector<RefusedMember> refused(Buffer& buffer, std::span<const TransformView> batch,
                                    bool is_static = false) {
@@ -73,7 +73,7 @@ std::vector<RefusedMember> refused(Buffer& buffer, std::span<const TransformView
     return members;
 }
 
-/// The refused ones of a batch that is stored as far as it may be.
+/// The refused members of a batch that is stored with `partial`.
 std::vector<RefusedMember> left_out(Buffer& buffer, std::span<const TransformView> batch,
                                     bool is_static = false) {
     const CommitNumber before = buffer.commit();
@@ -86,7 +86,7 @@ std::vector<RefusedMember> left_out(Buffer& buffer, std::span<const TransformVie
 
 const std::string kLongName(2000, 'x');
 
-/// Unsorted, with good ones between: 1 to 9 are bad, each in its own way.
+/// Unsorted, with valid members between: 1 to 9 are invalid, each for another reason.
 std::vector<TransformView> mixed_batch() {
     Pose nan = pose_of(1);
     nan.translation.y = std::numeric_limits<double>::quiet_NaN();
@@ -195,7 +195,7 @@ TFDB_TEST(refusals_of_a_cycle_take_the_last_member_that_closes_it) {
         CHECK_EQ(number_of(buffer.lookup_transform("a", "b").pose), 1.0);
         CHECK(indices(left_out(buffer, ring, is_static)) == Indices({3}));
     }
-    // A frame that has children already: the walk comes upon the cycle at another place.
+    // A frame that already has children: the walk finds the cycle at another position.
     Buffer buffer(defaults());
     set(buffer, "b", "c", kSecond, pose_of(3));
     set(buffer, "a", "d", kSecond, pose_of(3));
@@ -205,14 +205,14 @@ TFDB_TEST(refusals_of_a_cycle_take_the_last_member_that_closes_it) {
 
 TFDB_TEST(refusals_of_cycles_spare_what_the_whole_batch_makes_good) {
     Buffer buffer = robot();
-    // base and arm change places: each member by itself would close a cycle.
+    // base and arm swap places: each member alone would close a cycle.
     const TransformView swap[] = {{"arm", "base", 48 * kSecond, pose_of(11)},
                                   {"map", "arm", 48 * kSecond, pose_of(12)}};
     CHECK(left_out(buffer, swap).empty());
     CHECK_EQ(number_of(buffer.lookup_transform("map", "arm", 48 * kSecond).pose), 12.0);
     CHECK_EQ(number_of(buffer.lookup_transform("arm", "base", 48 * kSecond).pose), 11.0);
     CHECK_EQ(number_of(buffer.lookup_transform("base", "arm", 47 * kSecond).pose), 2.0);
-    // Without the second one, which is too old, the first one cannot stay either.
+    // Without the second member, which is too old, the first one closes a cycle.
     Buffer again = robot();
     const TransformView half[] = {{"arm", "base", 48 * kSecond, pose_of(11)},
                                   {"map", "arm", 8 * kSecond, pose_of(12)},
@@ -225,13 +225,14 @@ TFDB_TEST(refusals_of_cycles_spare_what_the_whole_batch_makes_good) {
 
 TFDB_TEST(refusals_of_cycles_concern_the_stamps_at_which_they_close) {
     Buffer buffer = robot();
-    // hand hangs on base from 48 s to 50 s: then arm may hang on hand, but not before or after.
+    // hand is a child of base from 48 s to 50 s. Only then arm may be a child of hand.
     const TransformView batch[] = {{"base", "hand", 48 * kSecond, pose_of(1)},
                                    {"arm", "hand", 50 * kSecond, pose_of(2)},
                                    {"hand", "arm", 47 * kSecond + 1, pose_of(3)},
                                    {"hand", "arm", 49 * kSecond, pose_of(4)},
                                    {"base", "arm", 50 * kSecond, pose_of(5)}};
-    // From 47 s to 48 s both would hang on each other; 49 s is of the same row and not in it.
+    // From 47 s to 48 s each would be a child of the other. 49 s is in the same batch but not in
+    // the cycle.
     const auto members = left_out(buffer, batch);
     CHECK(indices(members) == Indices({2}));
     CHECK_EQ(number_of(buffer.lookup_transform("hand", "arm", 49 * kSecond).pose), 4.0);
@@ -258,8 +259,8 @@ TFDB_TEST(refusals_of_many_cycles_at_once) {
 }
 
 TFDB_TEST(refusals_of_cycles_that_show_one_after_another) {
-    // A chain of frames, each of which is to hang on the chain's end: without one of them the next
-    // one up closes a cycle, so that none may stay.
+    // A chain of frames, each of which becomes a child of the chain's end. Without one of them the
+    // next one up closes a cycle, so all are refused.
     constexpr int kLinks = 200;
     Buffer buffer(defaults());
     const auto name = [](int i) { return "link" + std::to_string(i); };
@@ -305,7 +306,7 @@ TFDB_TEST(refusals_and_a_store_that_is_full) {
                                    {"map", "z", 48 * kSecond, pose_of(6)}};
     CHECK_THROWS_AS(buffer.write({.transforms = batch, .partial = true}), CapacityExceeded);
     CHECK(picture(buffer) == before);
-    // That the arm is too old is known without storing anything.
+    // The arm is found to be too old before anything is stored.
     CHECK(indices(refused<TooOld>(buffer, batch)) == Indices({0}));
     const auto full =
         THROWN(CapacityExceeded, buffer.set_transforms(std::span(batch).subspan(1), false, ""));

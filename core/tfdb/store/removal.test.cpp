@@ -57,7 +57,7 @@ TFDB_TEST(removal_names_everything_that_cannot_go) {
     CHECK(error && error->detail().index == 1 && error->detail().frame == "nil");
     CHECK(error && says(*error, "3 of 8 frames were refused, the first at index 1: frame 'nil'"));
     CHECK(error && error->detail().refused[1].code == ErrorCode::kFrameInUse);
-    // Arm goes too, so it is not what keeps base.
+    // arm is removed as well, so it does not keep base.
     const std::string& kept = error->detail().refused[1].message;
     CHECK(kept.find("'ear', 'eye'") != std::string::npos ||
           kept.find("'eye', 'ear'") != std::string::npos);
@@ -125,7 +125,7 @@ TFDB_TEST(removal_gives_memory_back_at_once) {
     buffer.remove_frame("goes", false);
     CHECK_EQ(buffer.memory().used_bytes, before);
     CHECK_EQ(number_of(buffer.lookup_transform("map", "stays").pose), 1.0);
-    // With a snapshot held it stays, and goes with the first removal afterwards.
+    // While a snapshot is held, the memory stays. The first removal afterwards frees it.
     {
         const Snapshot held = buffer.snapshot();
         set(buffer, "map", "goes", kSecond, pose_of(3));
@@ -168,7 +168,7 @@ TFDB_TEST(removal_in_bulk_agrees_with_one_by_one) {
         } catch (const FrameInUse&) {
             stored = false;
         }
-        // From the leaves upward: names that were made later hang below.
+        // From the leaves upward: frames that were made later are descendants.
         std::sort(chosen.begin(), chosen.end(), [](std::string_view a, std::string_view b) {
             return a.size() != b.size() ? a.size() > b.size() : a > b;
         });

@@ -1,6 +1,6 @@
-// One answer, however it is asked for: a row of a batch is the lookup of its stamp, bit for bit, in
-// a snapshot, in a transaction, in either layout, whatever the other stamps are and whatever others
-// have committed meanwhile. Random stores, with all that makes lookups go different ways.
+// A row of a batch equals the single lookup of its stamp, bit for bit. This holds in snapshots and
+// transactions, in both layouts, for any other stamps, and beside other commits. Random stores make
+// lookups take every code path.
 #include <algorithm>
 #include <array>
 #include <deque>
@@ -34,7 +34,7 @@ const Policy kPolicies[] = {{PolicyKind::kInterpolate, lookup::kNoLimit},
                             {PolicyKind::kExtrapolate, lookup::kNoLimit},
                             {PolicyKind::kExtrapolate, 300}};
 
-/// How often what was refused, in one run: none of it may be missing from the test.
+/// Counts of each refusal in one run: none may be 0.
 struct Tally {
     std::size_t rows = 0;
     std::size_t refused = 0;
@@ -43,7 +43,7 @@ struct Tally {
     std::size_t whole = 0;  // batches without a refused row
 };
 
-/// What was asked of one state.
+/// The reads of one state.
 struct Question {
     std::string_view target;
     std::string_view source;
@@ -51,7 +51,7 @@ struct Question {
     std::vector<StampNs> stamps;
 };
 
-/// What each stamp by itself says: a pose, or why not.
+/// The single result of each stamp: a pose, or the error.
 struct Singles {
     std::vector<std::optional<Pose>> poses;
     std::vector<ErrorCode> codes;
@@ -68,7 +68,7 @@ struct Singles {
     }
 };
 
-/// Not a number is not a number, whatever its bits; all else is compared bit for bit.
+/// All NaNs are equal; all other numbers are compared bit for bit.
 bool same_bits(const std::vector<double>& a, const std::vector<double>& b) {
     return a.size() == b.size() &&
            std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
@@ -79,7 +79,7 @@ bool same_bits(const std::vector<double>& a, const std::vector<double>& b) {
 
 constexpr Layout kLayouts[] = {Layout::kPose, Layout::kMatrix};
 
-/// `look_up(stamp, answer, failure)` says whether there is one.
+/// `look_up(stamp, answer, failure)` returns true if it has a result.
 template <class LookUp>
 Singles ask_singly(const Question& question, LookUp look_up) {
     Singles singles;
@@ -101,7 +101,7 @@ Singles ask_singly(const Question& question, LookUp look_up) {
     return singles;
 }
 
-/// Both layouts, with NaN and with an error: as the single lookups say.
+/// Both layouts, with NaN and with an error, compared with the single lookups.
 template <class From>
 void check_batches(From& from, const Question& q, const Singles& singles) {
     const std::size_t refused = singles.first_refused();
@@ -125,8 +125,8 @@ void check_batches(From& from, const Question& q, const Singles& singles) {
     }
 }
 
-/// All frames' edges at one stamp, or at their newest ones, as the lookups of frames and parents
-/// say.
+/// All frames' edges at one stamp, or at their newest ones, compared with lookups of frame and
+/// parent.
 template <class From>
 void check_edges(const From& from, std::span<const std::optional<std::string>> parents,
                  std::optional<StampNs> stamp, Policy policy) {
@@ -140,8 +140,8 @@ void check_edges(const From& from, std::span<const std::optional<std::string>> p
         const std::string parent = parents[i].value_or("");
         tfdb::Question one = store::at_stamp(parent, kNames[i], stamp, policy);
         bool found = parents[i] && from.ask(one, answer, failure);
-        // Where the choices of a policy run in a circle, a walk may go the other way round, or
-        // nowhere; the edge by itself has an answer.
+        // If a policy's parents form a cycle, a walk may take the other direction or fail. The edge
+        // alone has a result.
         const bool astray = found ? answer.edges.size() != 1 || answer.edges.front().inverted
                                   : failure.code == ErrorCode::kDisconnected;
         one.kind = tfdb::Question::kEdge;
@@ -169,7 +169,7 @@ void check_edges(const From& from, std::span<const std::optional<std::string>> p
     }
 }
 
-/// Whether there is an answer, and why there is none; also at the latest common time.
+/// Whether a result exists, and the error if not; also at the latest common time.
 void check_whether(const StoreReader& reads, const Question& q, const Singles& singles) {
     Answer answer;
     Failure failure;
@@ -204,7 +204,7 @@ void check_points(const StoreReader& reads, const Question& q, const Singles& si
     CHECK(same_bits(points, moved));
 }
 
-/// A store that much happens to, and the snapshots of it that are held.
+/// A store with random changes, and its held snapshots.
 class World {
 public:
     World(unsigned seed, std::optional<StampNs> history)
@@ -234,7 +234,8 @@ public:
             else
                 swap_roles();
         } catch (const Error& refused) {
-            // A cycle, a stamp that is too old, a frame that is gone: not stored. Nothing else.
+            // Refused for a cycle, a stamp that is too old, or a removed frame. No other error is
+            // valid.
             const ErrorCode code = refused.code();
             CHECK(code == ErrorCode::kCycle || code == ErrorCode::kTooOld ||
                   code == ErrorCode::kUnknownFrame || code == ErrorCode::kStaticConflict);
@@ -271,7 +272,7 @@ public:
         add_to(tally, singles);
     }
 
-    /// Keeps a state with what it says.
+    /// Holds a state with its results.
     void hold() {
         Held held{buffer_.snapshot(), {}, 0};
         for (int i = 0; i < 4; ++i) {
@@ -289,7 +290,7 @@ public:
         }
         held_.push_back(std::move(held));
     }
-    /// What the held states say is what they said.
+    /// Held states return the same results as before.
     void check_held(Tally& tally) {
         for (Held& held : held_) {
             for (const auto& [q, said] : held.said) {
@@ -326,8 +327,8 @@ private:
         return kGaps[below(std::size(kGaps))];
     }
 
-    /// After `before`: mostly near, sometimes the other quaternion of the same rotation, half a
-    /// turn on, or very far away.
+    /// A pose after `before`: mostly near, sometimes the negated quaternion, rotated by half a
+    /// turn, or very far away.
     Pose pose_after(const Pose& before) {
         const Quat& q = before.rotation;
         Pose pose = before;
@@ -385,7 +386,7 @@ private:
         const std::size_t child = any_moving();
         set_moving(child, below(kNames.size()), edges_[child].newest + gap());
     }
-    /// The child becomes its parent's parent, at once in time.
+    /// The child becomes its parent's parent, at one stamp.
     void swap_roles() {
         const std::size_t child = any_moving();
         const std::size_t parent = edges_[child].parent;
@@ -406,7 +407,7 @@ private:
         set_static(buffer_, kNames[below(4) == 0 ? below(kFirstStatic) : 2], kNames[child],
                    pose_after(edges_[child].pose));
     }
-    /// A moving edge becomes static, or the other way round.
+    /// A moving edge becomes static, or a static one moving.
     void change_kind() {
         const std::size_t child = below(kNames.size());
         const std::size_t parent = edges_[child].parent;
@@ -452,7 +453,7 @@ private:
         return q;
     }
 
-    /// The parents are those of the walk: the choice of a policy may differ from `parent_of`.
+    /// Parents are those of the walk, because a policy may choose others than `parent_of`.
     void ask_edges(const Snapshot& snapshot, const Transaction& transaction,
                    std::optional<StampNs> stamp, Policy policy) const {
         std::vector<std::optional<std::string>> parents;
@@ -489,7 +490,7 @@ private:
     std::deque<Held> held_;
 };
 
-/// One seed, where it is set: under sanitizers.
+/// Under sanitizers: only one seed.
 unsigned seeds() {
     constexpr unsigned kSeeds = 3;
     const char* const wish = std::getenv("TFDB_MODEL_SEEDS");

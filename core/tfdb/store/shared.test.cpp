@@ -1,4 +1,4 @@
-// A store that processes share: what one commits the others see, and no death harms it.
+// A store that processes share: all see each commit, and no death of a process damages it.
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -22,7 +22,7 @@ namespace {
 
 constexpr std::size_t kMebi = std::size_t{1} << 20;
 
-/// A store of a test, which goes with it. Threads: one. Guarantee: none.
+/// A test's store, which is removed at the end. Threads: one. Guarantee: none.
 class NamedStore {
 public:
     explicit NamedStore(std::size_t size = 64 * kMebi, std::uint32_t frames = 1000,
@@ -49,7 +49,7 @@ private:
     std::string path_;
 };
 
-/// Runs `work` in a child; its exit status, or minus the signal that ended it.
+/// Runs `work` in a child process. Returns its exit status, or minus its signal.
 template <class Work>
 int in_child(Work work) {
     const pid_t child = ::fork();
@@ -71,14 +71,14 @@ TransformView edge(std::string_view parent, std::string_view child, StampNs stam
     return {parent, child, stamp, fixture::pose_of(number)};
 }
 
-/// Two joints that every commit moves together: the same number in both, at the same stamp.
+/// Two joints that every commit moves together, with the same number at the same stamp.
 void move_arm(Buffer& buffer, StampNs stamp, double number) {
     const std::array<TransformView, 3> batch = {edge("map", "base", stamp, number),
                                                 edge("base", "shoulder", stamp, number),
                                                 edge("shoulder", "hand", stamp, number)};
     buffer.set_transforms(batch, false, "arm");
 }
-/// In one state all three say the same; returns what.
+/// Checks that all three reads of one state have the same number; returns it.
 double arm_in(const StoreReader& state) {
     const auto latest = [&](const char* target, const char* source) {
         return fixture::number_of(state.lookup_latest_transform(target, source).pose);
@@ -89,7 +89,7 @@ double arm_in(const StoreReader& state) {
     return base;
 }
 
-/// Who has children cannot be removed; who has none can.
+/// A frame with children cannot be removed; one without children can.
 void check_children(Buffer& buffer) {
     CHECK(THROWN(FrameInUse, buffer.remove_frame("shoulder", false)));
     for (const std::string& frame : buffer.frames()) {
@@ -98,7 +98,7 @@ void check_children(Buffer& buffer) {
     }
 }
 
-/// One of all that a writer may do, chosen by `step`.
+/// One of all write operations, chosen by `step`.
 void do_something(Buffer& buffer, std::uint64_t step) {
     const auto stamp = static_cast<StampNs>(step) * 1'000'000 + 1'000'000'000;
     const auto number = static_cast<double>(step);

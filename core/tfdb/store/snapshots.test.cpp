@@ -1,4 +1,4 @@
-// Snapshots: one state for as long as they are held, whatever writers do meanwhile.
+// Held snapshots: one state until they are closed, during any writes.
 #include <atomic>
 #include <memory>
 #include <random>
@@ -22,7 +22,7 @@ CommitNumber advance(Buffer& buffer, StampNs stamp) {
     return buffer.set_transforms(batch, false, "");
 }
 
-/// All that a snapshot answers, bit for bit.
+/// All results of a snapshot, bit for bit.
 struct Record {
     std::vector<Pose> poses;
     std::vector<StampNs> stamps;
@@ -216,7 +216,7 @@ TFDB_TEST(snapshots_that_were_given_up_never_say_that_a_frame_was_not_there) {
     CHECK_THROWS_AS((void)held.frame_info("base"), SnapshotTooOld);
     CHECK_THROWS_AS((void)held.tree(), SnapshotTooOld);
     CHECK_EQ(buffer.frame_info("base").parent.value_or("?"), "map");
-    // A parent that was removed before is told to be none.
+    // A parent that was removed before is reported as none.
     const auto parents = buffer.snapshot().samples("base").parents;
     CHECK(parents == std::vector<std::string>({"", "", "map"}));
 }
@@ -247,7 +247,7 @@ TFDB_TEST(snapshots_taken_again_and_again_do_not_make_the_store_grow) {
         if (round == 120)
             settled = buffer.memory().used_bytes;
     }
-    // How far each edge is in its newest segment differs.
+    // Each edge has filled its newest segment differently.
     constexpr std::size_t kSegments = 96 * 1024;
     CHECK(buffer.memory().used_bytes < settled + kSegments);
     CHECK(settled < 2 * kSegments);
@@ -294,7 +294,7 @@ TFDB_TEST(snapshots_see_neither_clear_nor_correction) {
     CHECK_EQ(buffer.lookup_transform("map", "a").stamp, 5);
 }
 
-/// What is gone is said to be gone; in no engine does the thread wait for itself.
+/// Lost data raises an error. In no engine does the thread wait for itself.
 TFDB_TEST(snapshot_that_is_too_old_does_not_wait_for_its_own_thread) {
     for (const bool alone : {false, true}) {
         BufferOptions options = keeping(10);

@@ -1,4 +1,5 @@
-// Readers beside writers: every answer is one committed state's. Bounded by counts, never by time.
+// Readers beside writers: every result comes from one committed state. Counts end the tests, not
+// times.
 #include <array>
 #include <atomic>
 #include <functional>
@@ -11,7 +12,7 @@ namespace {
 
 using namespace fixture;
 
-/// Runs `writers` to their ends beside `readers`, which repeat until the writers are done.
+/// Runs `writers` to their ends, beside `readers` that repeat until then.
 void beside(const std::vector<std::function<void()>>& writers,
             const std::vector<std::function<void()>>& readers) {
     std::atomic<std::size_t> writing{writers.size()};
@@ -40,7 +41,7 @@ void beside(const std::vector<std::function<void()>>& writers,
         thread.join();
 }
 
-/// Two edges that one batch always revises together: x of left and of right sum up to nought.
+/// Two edges that a batch always revises together: x of left and of right sum to 0.
 Pose shifted(double x) {
     return {{x, 1.0, 2.0}, {0, 0, 0, 1}};
 }
@@ -73,7 +74,7 @@ void torn_pair(bool is_static) {
 constexpr std::array kFarPolicies = {lookup::PolicyKind::kNearest,
                                      lookup::PolicyKind::kExtrapolate};
 
-/// At stamp 2, a hangs below m by its first sample, and m is a root.
+/// At stamp 2, a is a child of m by its first sample, and m is a root.
 void far_from_samples(Buffer& buffer) {
     set_static(buffer, "a", "s", pose_of(1));
     set_static(buffer, "m", "t", pose_of(2));
@@ -83,7 +84,7 @@ void far_from_samples(Buffer& buffer) {
     set_static(buffer, "elsewhere", "d", pose_of(6));
 }
 
-/// Above m the chain comes back to a: legal in time, as m leaves x before a's first sample.
+/// Above m the chain leads back to a. That is not a cycle: m leaves x before a's first sample.
 void bend(Buffer& buffer) {
     const TransformView batch[] = {{"x", "m", 1, pose_of(7)}, {"w", "m", 5, pose_of(8)}};
     buffer.set_transforms(batch, false, "other");
@@ -126,8 +127,7 @@ TFDB_TEST(threads_commit_numbers_never_go_back) {
 }
 
 TFDB_TEST(threads_every_answer_comes_from_one_commit_whatever_happens_to_the_forest) {
-    // The number in each pose says which parent and which generation of the tool it was written
-    // for.
+    // The number in each pose encodes the parent and the tool's generation.
     constexpr int kRounds = 1'500;
     Buffer buffer(keeping(50));
     set_static(buffer, "map", "dock", pose_of(1000));
@@ -139,12 +139,12 @@ TFDB_TEST(threads_every_answer_comes_from_one_commit_whatever_happens_to_the_for
             const Snapshot held = buffer.snapshot();
             const FrameInfo info = held.frame_info("tool");
             const Answer direct = held.lookup_transform(info.parent.value_or("?"), "tool");
-            // Odd numbers hang on the dock, even ones on the arm.
+            // Odd numbers are children of the dock, even ones of the arm.
             const auto number = static_cast<long>(number_of(direct.pose));
             wrong += (number % 2 == 1) != (info.parent == "dock");
             wrong += info.name != "tool" || info.newest != direct.stamp;
         } catch (const UnknownFrame&) {
-            // removed at that moment
+            // removed concurrently
         }
         try {
             const Answer answer = buffer.lookup_transform("map", "tool");
@@ -342,8 +342,8 @@ TFDB_TEST(threads_batches_see_one_commit_beside_an_evicting_writer) {
 TFDB_TEST(threads_latest_common_time_is_of_one_commit) {
     if (skipped_in({Concurrency::kFine}, "it sees batches in parts"))
         return;
-    // One batch writes the parent's edge at 10 i and the child's at 10 i - 5, in turns with late
-    // samples and corrections, which never change what is newest.
+    // One batch writes the parent's edge at 10 i and the child's at 10 i - 5. Late samples and
+    // corrections come between, which never change the newest sample.
     constexpr int kCommits = 10'000;
     Buffer buffer(keeping(2000));
     const auto write = [&](StampNs i) {
@@ -374,7 +374,7 @@ TFDB_TEST(threads_latest_common_time_is_of_one_commit) {
     CHECK_EQ(wrong.load(), 0);
 }
 
-/// Far from the samples a path depends on what lies above the meeting point as well.
+/// Outside the samples a path also depends on the frames above the meeting frame.
 TFDB_TEST(transaction_depends_on_the_chain_above_the_meeting_point) {
     if (skipped_in({Concurrency::kFine}, "nothing is validated"))
         return;

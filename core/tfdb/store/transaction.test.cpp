@@ -1,4 +1,4 @@
-// Transactions of the default engine: what they see, what they leave, when they lose.
+// Transactions of the default engine: their reads, their effects, and their conflicts.
 #include "tfdb/store/transaction_fixture.test.hpp"
 
 namespace tfdb {
@@ -46,7 +46,7 @@ TFDB_TEST(transaction_sees_one_state) {
     });
     CHECK_EQ(latest(tx, "map", "base"), 1.0);
     CHECK(!tx.has_frame("other"));
-    // It wrote nothing: it is as old as what it read, and that is fine.
+    // It wrote nothing, so it is ordered at its snapshot and commits.
     CHECK_EQ(tx.commit(), 1U);
 }
 
@@ -165,7 +165,7 @@ TFDB_TEST(transaction_conflicts_when_what_it_used_is_forgotten) {
     CHECK(!race(buffer, inside, [&] { set(buffer, "map", "base", 110, pose_of(4)); }));
     const auto gone = race(buffer, inside, [&] { set(buffer, "map", "base", 111, pose_of(4)); });
     CHECK(gone && says(*gone, "the retained history now begins at 0.000000011 s"));
-    // What it stores itself is as old as that, too.
+    // Its own samples are in the same state.
     const auto stored = race(
         buffer, [](Transaction& tx) { put(tx, "map", "base", 25, 5); },
         [&] { set(buffer, "map", "base", 126, pose_of(4)); });
@@ -185,7 +185,7 @@ TFDB_TEST(transaction_within_the_history_does_not_mind_appends) {
     CHECK(!race(buffer, bracketed, [&] { set(buffer, "map", "base", 35, pose_of(25)); }));
     CHECK(!race(buffer, bracketed, [&] { set(buffer, "map", "other", 25, pose_of(25)); }));
     CHECK(race(buffer, bracketed, [&] { set(buffer, "map", "base", 25, pose_of(25)); }));
-    // Storing without having read does not mind either.
+    // A write without reads does not conflict either.
     Transaction tx(buffer);
     put(tx, "map", "base", 60, 6);
     elsewhere([&] { set(buffer, "map", "base", 50, pose_of(5)); });
@@ -212,13 +212,13 @@ TFDB_TEST(transaction_removes_makes_and_moves_in_any_order) {
     set(buffer, "old", "tool", 10, pose_of(2));
     set_static(buffer, "tool", "tip", pose_of(3));
     Transaction tx(buffer);
-    // Away from the old parent, which then may go; its name comes back as something else.
+    // The child leaves the old parent, which can then be removed. Another frame takes its name.
     tx.reparent("tool", "map", 10, std::nullopt, "tx");
     tx.remove_frame("old", false);
     CHECK(!tx.has_frame("old"));
     CHECK(THROWN(UnknownFrame, tx.lookup_transform("old", "tip", 10)));
     put_static(tx, "map", "old", 9);
-    // Made and gone again, though a sample names it.
+    // Made and removed again, although a sample names it.
     put(tx, "map", "brief", 10, 4);
     put(tx, "brief", "other", 10, 5);
     put(tx, "map", "other", 20, 6);
@@ -328,7 +328,7 @@ TFDB_TEST(transaction_makes_and_removes_many_frames) {
     CHECK_EQ(buffer.memory().used_bytes, used);
 }
 
-/// A phantom: a late sample of another parent, amid those that all named one.
+/// A phantom: a late sample with another parent, between samples that all name one parent.
 TFDB_TEST(transaction_depends_on_all_samples_of_common_times) {
     if (skipped_in({Concurrency::kFine}, "nothing is validated"))
         return;
@@ -341,7 +341,7 @@ TFDB_TEST(transaction_depends_on_all_samples_of_common_times) {
         [&] { set(buffer, "other", "base", 25, pose_of(3)); });
     CHECK(lost.has_value());
     CHECK_EQ(buffer.common_times("map", "base").oldest, 30);
-    // Of a frame and itself all of its samples count, whatever their parent.
+    // For T[a<-a] all samples of the frame count, with any parent.
     CHECK_EQ(buffer.common_times("base", "base").oldest, 10);
     const auto earlier = race(
         buffer, [](Transaction& tx) { CHECK_EQ(tx.common_times("base", "base").oldest, 10); },

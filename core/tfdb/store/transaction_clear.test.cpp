@@ -1,4 +1,4 @@
-// A clear inside a transaction: what it drops, what stays, what it lets others do.
+// A clear inside a transaction: dropped and remaining data, and concurrent commits.
 #include "tfdb/store/transaction_fixture.test.hpp"
 
 namespace tfdb {
@@ -175,11 +175,11 @@ TFDB_TEST(transaction_clear_and_what_others_do_meanwhile) {
     store();
     CHECK(race(buffer, reads_before_it, [&] { set(buffer, "map", "base", 40, pose_of(9)); }));
     CHECK(buffer.samples("base").stamps == (std::vector<StampNs>{30, 40}));
-    // What it found empty is static now: no clear drops that.
+    // The edge that it found empty is static now, and a clear does not drop static poses.
     (void)buffer.clear();
     CHECK(race(buffer, reads_after_it, [&] { set_static(buffer, "map", "base", pose_of(9)); }));
 
-    // The other way round: a transaction loses what it has read of a moving edge.
+    // In the other order: the transaction's read of a moving edge conflicts.
     Buffer other = robot();
     const auto clear_and_store = [&] {
         Transaction tx(other);

@@ -1,4 +1,4 @@
-// What the tests of transactions share.
+// Helpers of the transaction tests.
 #pragma once
 
 #include <functional>
@@ -32,7 +32,7 @@ inline bool has_frame(const StoreReader& reads, std::string_view name) {
     return reads.find_frame(name, unused);
 }
 
-/// A thread with a transaction may not write by itself.
+/// A thread with an open transaction must not write outside it.
 inline void elsewhere(const std::function<void()>& body) {
     std::thread([&] {
         try {
@@ -43,8 +43,8 @@ inline void elsewhere(const std::function<void()>& body) {
     }).join();
 }
 
-/// Begins a transaction that reads, lets somebody else write, and commits it together with a write
-/// of its own. None: it was let through.
+/// Begins a transaction that reads, runs another write, and commits with a write of its own. Empty
+/// without a conflict.
 inline std::optional<Conflict> race(Buffer& buffer, const std::function<void(Transaction&)>& read,
                                     const std::function<void()>& write) {
     Transaction tx(buffer);

@@ -1,5 +1,5 @@
-// Random transactions beside random commits. One that commits must have seen what it would have
-// seen alone, at the time of its commit, and leaves what plain calls would have left.
+// Random transactions beside random commits. A committed transaction must have read the same as
+// alone at the time of its commit. Its effects are those of plain calls.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -51,7 +51,7 @@ std::string text(const Error& error) {
     const ErrorDetail& d = error.detail();
     std::vector<std::string> frames = d.frames;
     std::sort(frames.begin(), frames.end());
-    // Where the choices of a policy run in a circle, its roots say where the walk gave up.
+    // If a policy's parents form a cycle, the error's roots are where the walk ended.
     if (error.code() == ErrorCode::kDisconnected)
         frames.clear();
     std::string out = "error " + std::to_string(static_cast<int>(error.code()));
@@ -84,7 +84,7 @@ std::string text(const Answer& answer, const Names& names) {
     return out;
 }
 
-/// What a step says, by a transaction or by plain calls.
+/// The result of a step, by a transaction or by plain calls.
 template <class Store>
 std::string ask(Store& store, const Step& step) {
     try {
@@ -269,7 +269,7 @@ private:
         return step;
     }
 
-    /// The same commit in both stores, in another thread's name: a plain call.
+    /// The same commit in both stores, by plain calls of another thread.
     void somebody_else() {
         const Step step = chance(shape_.removals) ? removing() : writing();
         const bool cleared = chance(0.01);
@@ -298,7 +298,7 @@ private:
                 steps.push_back(any());
                 said.push_back(run(tx, steps.back()));
             }
-            // Without any write it would be as old as what it read.
+            // Without a write it would be ordered at its snapshot.
             steps.push_back(marking());
             said.push_back(run(tx, steps.back()));
             if (chance(shape_.others))
@@ -323,7 +323,7 @@ private:
         }
     }
 
-    /// This thread has a transaction open; another one writes meanwhile.
+    /// Another thread writes while this thread has an open transaction.
     static void beside(const std::function<void()>& body);
 
     void replay(const std::vector<Step>& steps, const std::vector<std::string>& said, bool cycle) {
@@ -338,7 +338,7 @@ private:
             Transaction tx(shadow_);
             for (std::size_t i = 0; i < steps.size() && !over_; ++i) {
                 const std::string expected = run(tx, steps[i]);
-                // Walks along a cycle that was not judged yet end somewhere.
+                // A walk along a cycle that is not yet refused ends at some frame.
                 if (!cycle)
                     compare(steps[i], said[i], expected, "by a transaction");
             }
@@ -346,14 +346,14 @@ private:
         } catch (const CycleError&) {
             again = true;
         }
-        // Plain calls may close a cycle that a later one would have opened again.
+        // Plain calls may close a cycle that a later call would have opened.
         over_ |= plain && again;
         if (!plain)
             CHECK_EQ(again, cycle);
     }
 
-    /// Where a policy's choices run in a circle, or the transaction's own samples do until a later
-    /// one breaks it, hints and slots decide which bad edge is found first and where a walk ends.
+    /// A policy's parents, or the transaction's own samples before a later one, may form a cycle.
+    /// Then hints and slots decide which failing edge is found first and where a walk ends.
     static bool may_circle(const Step& step, const std::string& said, const std::string& expected) {
         const bool errors = said.starts_with("error") && expected.starts_with("error");
         const bool long_path = std::count(said.begin(), said.end(), '@') > 7;

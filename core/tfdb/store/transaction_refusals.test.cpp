@@ -1,4 +1,4 @@
-// What a transaction refuses, and who may use it.
+// Refused operations of transactions, and the threads that may use them.
 #include "tfdb/store/transaction_fixture.test.hpp"
 
 namespace tfdb {
@@ -37,7 +37,7 @@ TFDB_TEST(transaction_refuses_a_batch_as_a_whole) {
     }
     CHECK(!tx.has_frame("new"));
     CHECK_EQ(latest(tx, "map", "base"), 2.0);
-    // It goes on, and judges by what it has written itself.
+    // It continues, and validates against its own writes.
     put(tx, "map", "base", 3000, 5);
     const auto old = THROWN(TooOld, put(tx, "map", "base", 2499, 6));
     CHECK(old && old->detail().newest == 3000 && old->detail().oldest == 2500);
@@ -62,7 +62,7 @@ TFDB_TEST(transaction_finds_cycles_when_it_commits) {
     CHECK(!has_frame(buffer, "extra"));
     CHECK_EQ(buffer.commit(), 3U);
     CHECK_EQ(latest(buffer, "map", "base"), 2.0);
-    // One that is there only for a while is none.
+    // A temporary cycle is not refused.
     Transaction healed(buffer);
     put(healed, "other", "map", 2500, 5);
     put(healed, "tip", "other", 2500, 5);
@@ -134,7 +134,7 @@ TFDB_TEST(transaction_belongs_to_its_thread) {
     elsewhere([&] { tx.reset(); });
     Transaction next(buffer);
     CHECK_EQ(latest(next, "map", "base"), 3.0);
-    // And it may outlive the thread that began it.
+    // It may outlive the thread that began it.
     std::unique_ptr<Transaction> orphan;
     elsewhere([&] { orphan = std::make_unique<Transaction>(buffer); });
     CHECK(THROWN(WrongThread, orphan->commit()));
@@ -156,7 +156,7 @@ TFDB_TEST(transaction_keeps_its_thread_from_waiting_for_itself) {
         CHECK(THROWN(TransactionActive, buffer.clear()));
         CHECK(THROWN(TransactionActive, (void)buffer.compact()));
         CHECK(THROWN(TransactionActive, Transaction(buffer).commit()));
-        // Reads do not ask by themselves; another store is fine.
+        // Reads do not check the thread's transactions; another store is valid.
         CHECK(THROWN(TransactionActive, buffer.check_not_in_transaction()));
         other.check_not_in_transaction();
         CHECK_EQ(latest(buffer, "map", "base"), 2.0);

@@ -1,4 +1,4 @@
-// Transactions beside each other, in every engine that keeps them apart.
+// Concurrent transactions, in every engine with isolation.
 #include <atomic>
 #include <cstdio>
 
@@ -23,7 +23,7 @@ BufferOptions options_of(Concurrency concurrency) {
     return options;
 }
 
-/// Runs until it commits; after eight losses alone, as `run` does.
+/// Repeats until the commit; after eight conflicts it runs alone, like `run`.
 template <class Body>
 int insist(Buffer& buffer, Body body) {
     TransactionOptions options;
@@ -108,7 +108,7 @@ TFDB_TEST(transaction_threads_keep_a_sum_that_each_moves_between_two_edges) {
                     std::this_thread::yield();
                     if (thread == kThreads)
                         return;
-                    // Unsorted, and one of them from the other side.
+                    // Unsorted, and one of them inverted.
                     const int from = (thread + i) % 3;
                     const int to = (from + 2) % 3;
                     const TransformView moved[] = {
@@ -129,7 +129,7 @@ TFDB_TEST(transaction_threads_make_and_remove_frames) {
         set_static(buffer, "map", "left", at(1));
         set_static(buffer, "map", "right", at(2));
         std::atomic<int> made{0};
-        // Every reader sees the tool as a child of one of two arms, or does not see it.
+        // Every reader sees the tool as a child of one of two arms, or not at all.
         in_threads(3, [&](int thread) {
             for (int i = 0; i < kEach; ++i) {
                 int change = 0;
@@ -166,7 +166,7 @@ TFDB_TEST(transaction_threads_alone_never_loses) {
     std::vector<std::thread> writers;
     for (int w = 0; w < 2; ++w) {
         writers.emplace_back([&, w] {
-            // Each edge has one writer: its stamps become too old by its own writes alone.
+            // Each edge has one writer, so only its own writes make stamps too old.
             for (StampNs stamp = 1; !stop; ++stamp) {
                 const auto edge = 2 * (7 * stamp % (kEdges / 2)) + w;
                 set(buffer, "map", "edge" + std::to_string(edge), stamp, at(1));
@@ -206,7 +206,7 @@ TFDB_TEST(transaction_threads_that_end_abort_what_they_have_open) {
                     const TransformView next{"map", "count", seen.stamp + 1, at(7)};
                     tx->set_transforms({&next, 1}, false, "");
                 });
-                // A thread that comes after gets the place and the ids of the one before.
+                // A later thread gets the slot and the ids of an earlier one.
                 in_threads(1, [&](int) {
                     CHECK_THROWS_AS(tx->commit(), WrongThread);
                     CHECK_EQ(insist(buffer,

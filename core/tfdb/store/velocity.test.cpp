@@ -46,7 +46,7 @@ TFDB_TEST(velocity_constant_and_straight) {
 }
 
 TFDB_TEST(velocity_turning_in_place_about_a_tilted_axis) {
-    // A turn of 1.5 rad/s about (0.6, 0, 0.8).
+    // A rotation at 1.5 rad/s about (0.6, 0, 0.8).
     const Buffer buffer = moving([](double t) {
         const double half = 0.75 * t;
         return Pose{{4, 5, 6}, {0.6 * std::sin(half), 0, 0.8 * std::sin(half), std::cos(half)}};
@@ -54,7 +54,7 @@ TFDB_TEST(velocity_turning_in_place_about_a_tilted_axis) {
     const Twist twist = buffer.lookup_velocity("map", "base", kSecond, kSecond / 10, "", {}, "");
     check_vector(twist.linear, {0, 0, 0}, 1e-9);
     check_vector(twist.angular, {0.9, 0, 1.2}, 1e-9);
-    // Seen from the frame itself the same axis, as it is the axis of the turn.
+    // The axis is the same in the frame itself, because it is the rotation axis.
     const Twist own = buffer.lookup_velocity("map", "base", kSecond, kSecond / 10, "base", {}, "");
     check_vector(own.angular, {0.9, 0, 1.2}, 1e-9);
 }
@@ -62,7 +62,7 @@ TFDB_TEST(velocity_turning_in_place_about_a_tilted_axis) {
 TFDB_TEST(velocity_of_a_point_on_a_turning_frame) {
     constexpr double kRate = 2.0;
     const Buffer buffer = moving([](double t) { return Pose{{4, 5, 6}, about_z(kRate * t)}; });
-    // The point (1, 0, 0) of base circles around (4, 5, 6) with 2 m/s, across its radius.
+    // The point (1, 0, 0) of base circles around (4, 5, 6) at 2 m/s.
     const Twist twist =
         buffer.lookup_velocity("map", "base", kSecond, 2 * kMilli, "", {1, 0, 0}, "");
     const double angle = kRate;
@@ -95,7 +95,7 @@ TFDB_TEST(velocity_on_a_circle_has_centre_and_rim_right) {
 }
 
 TFDB_TEST(velocity_window_lies_inside_the_data_and_keeps_its_length) {
-    // Speed 2 t in x: the mean over a window is the speed in its middle.
+    // Speed 2 t in x: the mean over a window is the speed at its midpoint.
     const Buffer buffer = moving([](double t) { return Pose{{t * t, 0, 0}, about_z(0.3)}; });
     const auto speed = [&](std::optional<StampNs> at, StampNs interval) {
         return buffer.lookup_velocity("map", "base", at, interval, "", {}, "").linear.x;
@@ -106,17 +106,17 @@ TFDB_TEST(velocity_window_lies_inside_the_data_and_keeps_its_length) {
     CHECK_NEAR(speed(2 * kSecond - 50 * kMilli, kSecond / 5), 2 * 1.9, 1e-9);
     CHECK_NEAR(speed(kSecond / 20, kSecond / 5), 2 * 0.1, 1e-9);
     CHECK_NEAR(speed(0, kSecond / 5), 2 * 0.1, 1e-9);
-    // More than all data: the mean speed of them all.
+    // A window longer than the data: the mean speed of all data.
     CHECK_NEAR(speed(kSecond / 3, 5 * kSecond), 2.0, 1e-9);
     CHECK_NEAR(speed(2 * kSecond, StampNs{1} << 60), 2.0, 1e-9);
     CHECK_THROWS_AS(speed(kSecond, -1), InvalidArgument);
-    // Outside the data the error is about the stamp that was asked for.
+    // Outside the data the error names the requested stamp.
     const auto past = THROWN(Extrapolation, speed(2 * kSecond + 1, kSecond / 5));
     CHECK(past && past->detail().stamp == 2 * kSecond + 1 && past->detail().reason == "future");
 }
 
 TFDB_TEST(velocity_window_lies_inside_what_hangs_on_the_same_parent) {
-    // Until 4 s base moves with 2 m/s in map, from then on with -3 m/s on a ship.
+    // Until 4 s base moves at 2 m/s in map, and then at -3 m/s on a ship.
     Buffer buffer(keeping(std::nullopt));
     set_static(buffer, "map", "ship", pose_of(50));
     for (StampNs s = 0; s < 4; ++s)
@@ -143,7 +143,7 @@ TFDB_TEST(velocity_needs_two_stamps) {
         THROWN(Extrapolation, buffer.lookup_velocity("map", "eye", {}, kSecond, "", {}, ""));
     CHECK(lone && lone->detail().reason == "no data" && lone->detail().edge == "base");
     CHECK(lone && lone->detail().stamp == 3 * kSecond && says(*lone, "needs two stamps"));
-    // What cannot move stands still, at every stamp.
+    // A static edge has velocity 0 at every stamp.
     for (const StampNs at : {StampNs{0}, kSecond, 9 * kSecond}) {
         const Twist still = buffer.lookup_velocity("base", "eye", at, kSecond, "", {1, 2, 3}, "");
         check_vector(still.linear, {0, 0, 0}, 0);

@@ -1,4 +1,4 @@
-// Waits: each ends once, by what it waited for or by what else may end it, and none is forgotten.
+// Waits: each ends exactly once, by its event, timeout, cancellation or the end of the store.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -36,7 +36,7 @@ bool has(const Buffer& buffer, Question question) {
     return store::can_answer(buffer, question);
 }
 
-/// A thread that waits. Threads: one makes, joins and asks it. Guarantee: `came` joins.
+/// A waiting thread. Threads: one makes, joins and reads it. Guarantee: `came` joins.
 class Waiter {
 public:
     explicit Waiter(std::function<bool()> wait)
@@ -70,7 +70,7 @@ private:
     std::thread thread_;
 };
 
-/// Waits for the question while `mend` is called, whenever that may be.
+/// Waits for the lookup's result, beside a call of `mend` at any time.
 void check_mended(Buffer& buffer, const Question& question, const std::function<void()>& mend) {
     CHECK(!has(buffer, question));
     Waiter waiter([&] { return buffer.wait_for(question, kLong); });
@@ -87,7 +87,7 @@ TFDB_TEST(a_wait_is_ended_by_whatever_gives_it_its_answer) {
     Buffer buffer(keeping(std::nullopt));
     check_mended(buffer, at("map", "camera", std::nullopt),
                  [&] { put(buffer, "map", "camera", 10, 1.0); });
-    // What is there already is not waited for.
+    // A result that already exists ends the wait at once.
     CHECK(buffer.wait_for(at("map", "camera", std::nullopt), std::nullopt));
     check_mended(buffer, at("map", "camera", 20), [&] { put(buffer, "map", "camera", 30, 2.0); });
     check_mended(buffer, at("map", "camera", 5), [&] { put(buffer, "map", "camera", 5, 3.0); });
@@ -242,7 +242,7 @@ TFDB_TEST(a_wait_for_a_newer_stamp_ends_where_all_of_the_path_is_as_new) {
     put(buffer, "base", "arm", 7, 1.0);
     CHECK(buffer.begin_wait(store::as_new_as("map", "arm", 5)) == 0);
     const std::uint64_t wait = buffer.begin_wait(store::as_new_as("map", "arm", 8));
-    // Beyond what is kept: no stamp has an answer on both edges.
+    // Outside the history: no stamp has a result on both edges.
     put(buffer, "base", "arm", 100 * kSecond, 1.0);
     CHECK(buffer.ended_waits(0).empty());
     put(buffer, "map", "base", 100 * kSecond, 1.0);
@@ -314,7 +314,7 @@ public:
             testing::count_check();  // refused: nothing was changed
         }
     }
-    /// About any two frames, at a stamp that may still come.
+    /// A lookup of any two frames, at a stamp that may still arrive.
     Question question() {
         static const Policy policies[] = {{},
                                           {.limit = 5},
@@ -346,7 +346,7 @@ private:
     std::minstd_rand engine_;
 };
 
-/// After each commit, those and only those waits have been told of that have an answer.
+/// After each commit, exactly the waits with a result have been reported.
 TFDB_TEST(the_waits_that_end_are_those_that_have_an_answer) {
     if (skipped())
         return;
@@ -365,7 +365,7 @@ TFDB_TEST(the_waits_that_end_are_those_that_have_an_answer) {
                     waits.emplace(number, question);
             }
             commits.commit();
-            // Sometimes several commits are looked at together.
+            // Sometimes several commits are checked together.
             if (i % 5 < 2)
                 continue;
             for (const EndedWait& ended : buffer.ended_waits(0)) {
@@ -387,8 +387,8 @@ TFDB_TEST(the_waits_that_end_are_those_that_have_an_answer) {
     CHECK(told > 100);
 }
 
-/// Threads wait, for a while or for ever, for whatever; one writes. In the end no wait that is left
-/// has an answer.
+/// Threads wait, with or without a timeout, beside one writer. In the end no remaining wait has a
+/// result.
 TFDB_TEST(no_wait_is_forgotten_beside_a_writer) {
     if (skipped())
         return;
@@ -411,7 +411,7 @@ TFDB_TEST(no_wait_is_forgotten_beside_a_writer) {
                                                  : std::optional<std::int64_t>(i % 200 * 1000);
                     came += buffer.wait_for(question, most) ? 1 : 0;
                 } catch (const BufferClosed&) {
-                    // The closing thread has looked before.
+                    // The closing thread has checked before.
                     left += has(buffer, question) ? 1 : 0;
                     return;
                 }
@@ -430,7 +430,7 @@ TFDB_TEST(no_wait_is_forgotten_beside_a_writer) {
     CHECK(came.load() > 0);
 }
 
-/// Begun and given up, blocked and closed, by many threads; the store ends without open waits.
+/// Many threads begin, cancel, block in and close waits. The store ends without open waits.
 TFDB_TEST(thousands_of_waits_begin_and_end) {
     if (skipped())
         return;

@@ -1,4 +1,4 @@
-// Watches: every commit that touches what they are of, once, in order; little else.
+// Watches: each commit that touches their frames, once and in order; few others.
 #include "tfdb/store/watch.hpp"
 
 #include <sys/wait.h>
@@ -34,7 +34,7 @@ void put(Buffer& buffer, std::string_view parent, std::string_view child, StampN
     set(buffer, parent, child, stamp, pose_of(static_cast<double>(stamp % 90)));
 }
 
-/// What commits after `after` touched, without waiting.
+/// Touches of commits after `after`, without waiting.
 std::map<CommitNumber, What> touched(Watch& watch, CommitNumber after) {
     std::map<CommitNumber, What> found;
     for (const Touch& touch : watch.next(after, 0)) {
@@ -48,7 +48,7 @@ std::map<CommitNumber, What> touched(Watch& watch, CommitNumber after) {
 /// Random commits. Threads: one. Guarantee: the same seed does the same.
 class Author {
 public:
-    /// `orderly`: no batch is refused, which may leave the mark of several parents.
+    /// `orderly`: no batch is refused. A refused one may leave the flag of several parents.
     explicit Author(unsigned seed, bool orderly) : orderly_(orderly), random_(seed) {}
 
     void act(Buffer& buffer) {
@@ -97,7 +97,7 @@ private:
         std::vector<TransformView> batch;
         const std::size_t first = below(kNames);
         for (auto& [parent, child] : edges) {
-            // Each once: a parent of which no sample is left is not in the feed.
+            // Each once: a parent without remaining samples is not in the feed.
             child = std::string(1, static_cast<char>('a' + (first + batch.size()) % kNames));
             parent = parent_of(child);
             const StampNs late = below(6) == 0 ? below(40) : 0;
@@ -105,7 +105,7 @@ private:
         }
         buffer.set_transforms(batch, is_static, "", {.change_kind = below(4) == 0 || orderly_});
     }
-    /// A frame goes and comes in one commit, or comes and goes.
+    /// A frame is removed and made in one commit, or made and removed.
     void transact(Buffer& buffer) {
         Transaction tx(buffer);
         const std::string victim = name();
@@ -161,13 +161,13 @@ private:
     }
 };
 
-/// What each commit must be said to have touched, and what it may.
+/// The touches that must be reported for each commit, and those that may be.
 /// Threads: one. Guarantee: of a store with one writer.
 class Oracle {
 public:
     explicit Oracle(const Watched& watched) : watched_(watched) {}
 
-    /// The next commit, of a state read by `reads`.
+    /// Adds the next commit, whose state `reads` reads.
     void add(const StoreReader& reads, const Changes& changes) {
         Names names;
         for (const auto* list : {&changes.made, &changes.moved, &changes.cleared, &changes.removed})
@@ -254,7 +254,7 @@ private:
     std::map<CommitNumber, What> may_;
 };
 
-/// What a state answers about each subject, bit for bit.
+/// The results of a state for each subject, bit for bit.
 std::vector<std::string> answers(const StoreReader& reads, const Watched& watched, StampNs now) {
     std::vector<std::string> all;
     const auto add = [&](const std::function<std::string()>& ask) {
@@ -311,7 +311,7 @@ TFDB_TEST(a_watch_tells_which_commits_touched_what) {
     put(buffer, "base", "hand", 3);      // 8: another path
     put(buffer, "base", "arm", 3);       // 9: no longer of it
     CHECK(touched(*watch, 6) == (std::map<CommitNumber, What>{{7, {2, 3}}, {8, {2, 3}}, {9, {0}}}));
-    // As often as it is asked.
+    // Repeated calls return the same.
     CHECK_EQ(touched(*watch, 2).size(), std::size_t{6});
     CHECK(touched(*watch, 9).empty());
     const auto error = THROWN(InvalidArgument, watch->next(10, 0));
@@ -331,7 +331,7 @@ TFDB_TEST(a_watch_counts_every_commit_of_a_path_with_several_parents) {
     put(buffer, "hand", "cup", 3);   // 5
     put(buffer, "map", "other", 3);  // 6: the cup was on the table at older stamps
     CHECK(touched(*watch, 3) == (std::map<CommitNumber, What>{{5, {0}}, {6, {0}}}));
-    // Not for what hangs there: both chains meet below.
+    // Not for its descendants: both chains meet below it.
     const auto inside = buffer.watch({{}, {{"cup", "handle"}}});
     put(buffer, "cup", "handle", 3);  // 7
     put(buffer, "map", "other", 4);   // 8
@@ -381,7 +381,7 @@ TFDB_TEST(a_watch_agrees_with_changes_and_the_state_of_each_commit) {
             }
         }
         CHECK(oracle.agrees(found, 1, true));
-        // One that begins late says the same of all.
+        // A watch that begins late returns the same.
         CHECK(oracle.agrees(touched(*buffer.watch(kAll), 0), 1, false));
         touches += oracle.touches();
     }
@@ -389,8 +389,8 @@ TFDB_TEST(a_watch_agrees_with_changes_and_the_state_of_each_commit) {
     CHECK(same > 10'000);
 }
 
-/// Three threads follow, two of them with one watch; no state is held. The writer notes after each
-/// commit what it did.
+/// Three threads follow, two of them with one watch; no state is held. The writer notes the effect
+/// of each commit.
 TFDB_TEST(a_watch_beside_a_writer_misses_nothing) {
     if (skipped())
         return;
@@ -442,7 +442,8 @@ TFDB_TEST(a_watch_beside_a_writer_misses_nothing) {
     }
 }
 
-/// One follower sleeps; another asks from further back, where the path was another one, and leaves.
+/// One follower sleeps. Another one reads from an earlier commit, when the path was different, and
+/// ends.
 TFDB_TEST(a_watch_wakes_the_follower_that_sleeps_beside_one_that_is_behind) {
     if (skipped())
         return;
@@ -481,7 +482,7 @@ TFDB_TEST(a_watch_sleeps_until_it_is_touched) {
     CHECK(watch->next(501, 1'000'000).empty());
 }
 
-/// The feed laps a watch that was never asked, not one that was asked in vain.
+/// The feed overruns a watch that was never read, but not one whose reads were empty.
 TFDB_TEST(a_quiet_watch_is_not_lapped) {
     if (skipped())
         return;
@@ -498,7 +499,7 @@ TFDB_TEST(a_quiet_watch_is_not_lapped) {
     const auto lapped = THROWN(FeedLapped, idle->next(1, 0));
     CHECK(lapped && lapped->detail().since == 1U);
     CHECK_THROWS_AS(idle->next(2, 0), FeedLapped);
-    // It does not take for quiet what it has not read.
+    // Unread commits do not count as commits without touches.
     CHECK_THROWS_AS(idle->next(1, 0), FeedLapped);
     CHECK(idle->next(lapped->detail().commit.value(), 0).empty());
     put(buffer, "map", "a", 2);
@@ -506,7 +507,7 @@ TFDB_TEST(a_quiet_watch_is_not_lapped) {
     CHECK_EQ(touched(*idle, 15'000).size(), std::size_t{1});
 }
 
-/// As often as the waiting thread of another wait looks; then the commit that touches it comes.
+/// The listening thread of another wait checks repeatedly; then a commit touches the watch.
 TFDB_TEST(a_watch_that_slept_long_is_not_lapped) {
     if (skipped())
         return;
@@ -526,14 +527,14 @@ TFDB_TEST(a_watch_that_slept_long_is_not_lapped) {
     put(buffer, "map", "a", 2);
     (void)buffer.ended_waits(0);
     CHECK(touched(*watch, 1) == (std::map<CommitNumber, What>{{20'002, {0}}}));
-    // A caller that asks from further back gets all, or is lapped.
+    // A caller that reads from an earlier commit gets all commits, or the feed has overrun it.
     CHECK_EQ(touched(*watch, 20'001).size(), std::size_t{1});
     others();
     CHECK_THROWS_AS(watch->next(20'001, 0), FeedLapped);
     CHECK(watch->next(40'002, 0).empty());
 }
 
-/// Two followers of one watch, one of them behind.
+/// Two followers of one watch, one of them at an earlier commit.
 TFDB_TEST(a_watch_returns_all_to_each_follower) {
     if (skipped())
         return;

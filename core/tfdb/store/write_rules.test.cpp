@@ -1,4 +1,4 @@
-// What a write may do on demand: change an edge's kind, keep the stamps that are there.
+// Options of writes: change an edge's kind, keep existing samples.
 #include <span>
 #include <thread>
 #include <vector>
@@ -14,7 +14,7 @@ using namespace fixture;
 constexpr WriteRules kChangeKind{true, false};
 constexpr WriteRules kOnlyNew{false, true};
 
-/// map <- base moves from 1 s to 4 s; base <- lidar is static, lidar <- scan hangs below it.
+/// map <- base moves from 1 s to 4 s. base <- lidar is static, and lidar has the child scan.
 Buffer robot() {
     Buffer buffer(keeping(std::nullopt));
     for (StampNs second = 1; second <= 4; ++second)
@@ -72,7 +72,7 @@ TFDB_TEST(a_moving_edge_becomes_static_and_its_samples_go) {
 TFDB_TEST(a_change_of_kind_that_is_refused_changes_nothing) {
     Buffer buffer = robot();
     const CommitNumber commit = buffer.commit();
-    // Good by itself, but the batch is not; and one that would close a cycle.
+    // Valid alone, but not in this batch; and a member that would close a cycle.
     const TransformView bad[] = {{"base", "lidar", kSecond, pose_of(21)},
                                  {"base", "arm", -kSecond, pose_of(22)}};
     CHECK_THROWS_AS(buffer.set_transforms(bad, false, "me", kChangeKind), InvalidStamp);
@@ -125,14 +125,14 @@ TFDB_TEST(only_new_keeps_the_first_value_of_a_stamp) {
         buffer.set_transform({"odom", "base", 4 * kSecond, pose_of(50)}, false, "me", kOnlyNew),
         RepeatedStamp);
     CHECK(identical(at(buffer, "map", "base", 2 * kSecond), pose_of(2)));
-    // Ahead, and late in between.
+    // After all others, and late between others.
     buffer.set_transform({"map", "base", 5 * kSecond, pose_of(5)}, false, "me", kOnlyNew);
     buffer.set_transform({"map", "base", 3 * kSecond + 1, pose_of(6)}, false, "me", kOnlyNew);
     CHECK_THROWS_AS(
         buffer.set_transform({"map", "base", 3 * kSecond + 1, pose_of(8)}, false, "me", kOnlyNew),
         RepeatedStamp);
     CHECK(identical(at(buffer, "map", "base", 3 * kSecond + 1), pose_of(6)));
-    // Without it the later value counts.
+    // Without the option the later value counts.
     set(buffer, "map", "base", 2 * kSecond, pose_of(50));
     CHECK(identical(at(buffer, "map", "base", 2 * kSecond), pose_of(50)));
 }
@@ -186,7 +186,7 @@ TFDB_TEST(only_new_judges_what_is_retained_and_not_cleared) {
 }
 
 TFDB_TEST(parent_and_child_swap_in_one_batch) {
-    // Static: neither message of the two can be stored after the other way round.
+    // Static: each of the two messages is refused after the other.
     Buffer buffer = robot();
     const TransformView first[] = {{"scan", "lidar", 0, pose_of(1)}};
     CHECK_THROWS_AS(buffer.set_transforms(first, true, "me"), CycleError);
