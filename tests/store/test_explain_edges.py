@@ -33,7 +33,7 @@ FAILS = (
 
 
 def said(lookup: Any, *question: Any) -> tuple[Any, ...]:
-    """The answer of a lookup, or its error in full."""
+    """The result of a lookup, or its complete error."""
     try:
         found = lookup(*question)
     except FAILS as error:

@@ -1,4 +1,4 @@
-"""The texts of `explain`, line by line, after the error or the transform that opens them."""
+"""The lines of `explain` after its first, which is the error or the transform."""
 
 from __future__ import annotations
 

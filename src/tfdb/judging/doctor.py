@@ -1,6 +1,6 @@
-"""What can be wrong with a recording, found in its transforms in the order of their arrival.
+"""Finds faults of a recording from its transforms in order of arrival.
 
-Pure functions over columns: `tfdb check` reads the file, this module judges.
+Pure functions over columns: `tfdb check` reads the file, this module finds the faults.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ AHEAD = NS // 10
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong: where (frames), since when (arrival or stamp) and how often."""
+    """One fault: its frames, its first time (arrival or stamp), and its count."""
 
     kind: str
     frames: tuple[str, ...]
@@ -67,11 +67,11 @@ class Finding:
     count: int = 1
     details: dict[str, Any] = field(default_factory=dict)
     given: str | None = None
-    """The severity where that of the kind does not count."""
+    """The severity, if it is not that of the kind."""
 
     @property
     def severity(self) -> str:
-        """``error`` or ``warning``; of an expectation, as it says."""
+        """``error`` or ``warning``; for an expectation, its severity."""
         return self.given or KINDS[self.kind][0]
 
 
@@ -92,7 +92,7 @@ class Hole:
 
 @dataclass(frozen=True)
 class Limits:
-    """From when on a thing counts; nanoseconds. `gap` None: five median periods of the edge."""
+    """Limits in nanoseconds. `gap` None: five median periods of the edge."""
 
     gap: int | None = None
     jump: int = NS
@@ -162,7 +162,7 @@ class Log:
 
     @classmethod
     def of_rows(cls, rows: Rows, judge: Judge) -> Log:
-        """Return the log of rows; their numbers are those of a judge."""
+        """Return the log of rows, which a judge has numbered."""
         log = cls()
         of_authorities = np.array([log._id(each) for each in judge.authority_names], dtype=np.int64)
         of_edges = np.array([log._id(parent) for parent, _ in judge.edge_names], dtype=np.int64)
@@ -200,7 +200,7 @@ class Log:
 
     @property
     def count(self) -> int:
-        """How many transforms there are."""
+        """Number of transforms."""
         return sum(len(edge.stamps) for edge in self._edges)
 
     def _id(self, name: str) -> int:
@@ -215,7 +215,7 @@ class Log:
 
 
 def examine(log: Log, limits: Limits = Limits()) -> list[Finding]:
-    """Find everything that the transforms themselves show, edge by edge."""
+    """Find all faults of single edges."""
     edges = list(log.edges())
     moving = [edge.moving for edge in edges]
     parts = _by_clock([edge for edge in moving if len(edge.stamps)])
@@ -237,7 +237,7 @@ def _examine_clock(whole: Sequence[Edge], names: Sequence[str], limits: Limits) 
     jumps = {edge.name: jump_rows(edge, limits.jump) for edge in whole}
     found: list[Finding] = [*_jumps(whole, jumps), *_ahead(whole)]
     for edge in whole:
-        # What comes between two jumps is judged by itself: the stamps may come again after one.
+        # Each piece between two jumps is examined alone, because stamps may repeat after a jump.
         pieces = np.zeros(len(edge.stamps), dtype=np.int64)
         pieces[jumps[edge.name] + 1] = 1
         pieces = np.cumsum(pieces)
@@ -273,13 +273,13 @@ def disconnected(roots: Sequence[tuple[str, int]]) -> list[Finding]:
 
 
 def sort_key(finding: Finding) -> tuple[int, tuple[str, ...], int]:
-    """Order by kind as listed in KINDS, then those of expectations, by frame and by time."""
+    """Sort by kind as listed in KINDS, then expectations; by frame and by time."""
     kinds = [*KINDS, *EVENT_KINDS]
     return kinds.index(finding.kind), finding.frames, finding.stamp or 0
 
 
 def _by_clock(edges: Sequence[Edge]) -> list[list[Edge]]:
-    """Part the moving edges by clocks, the earliest first: the rest is judged for each alone."""
+    """Divide the moving edges by clock, the earliest first; each group is examined alone."""
     if not edges:
         return []
     stamps = np.sort(np.concatenate([edge.stamps for edge in edges]))
@@ -307,11 +307,11 @@ def _two_clocks(parts: Sequence[Sequence[Edge]]) -> Iterator[Finding]:
 
 
 def jump_rows(edge: Edge, limit: int) -> npt.NDArray[np.int64]:
-    """Find the rows after which the stamps jump otherwise than the time of arrival.
+    """Find the rows after which the stamps jump and the arrival times do not.
 
-    They jump back where they do not return at once, as late samples do. They jump forth where they
-    come to lie further ahead of the arrival than ever since the last jump: a delivery that stalls
-    lets them fall behind and then catch up, which is none.
+    A step back is a jump unless the stamps return at once, as after a late sample. A step forward
+    is a jump if the stamps are further ahead of arrival than ever since the last jump. A stalled
+    delivery is not a jump: the stamps fall behind and catch up.
     """
     steps = np.diff(edge.stamps)
     moved = steps - np.rint(np.diff(edge.arrivals) * _pace(edge)).astype(np.int64)
@@ -329,10 +329,10 @@ def jump_rows(edge: Edge, limit: int) -> npt.NDArray[np.int64]:
 
 
 def _pace(edge: Edge) -> float:
-    """How fast the stamps move beside the time of arrival: 1, or as a simulation runs.
+    """Return the rate of the stamps relative to arrival: 1, or the speed of a simulation.
 
-    Measured over a tenth of the whole time: samples that arrive in bursts, or in turns from two
-    publishers, tell nothing from one to the next.
+    It is measured over a tenth of the whole time, because samples may arrive in bursts or
+    alternate between two publishers.
     """
     stamps, arrivals = edge.stamps, edge.arrivals
     later = np.searchsorted(arrivals, arrivals + max(1, (arrivals[-1] - arrivals[0]) // 10))
@@ -345,7 +345,7 @@ def _pace(edge: Edge) -> float:
 
 
 def _jumps(edges: Sequence[Edge], rows: Mapping[str, npt.NDArray[np.int64]]) -> Iterator[Finding]:
-    """Report the jumps, those edges together that jump at the same times."""
+    """Report the jumps; edges that jump at the same times share a finding."""
     groups: dict[tuple[tuple[int, bool], ...], list[Edge]] = defaultdict(list)
     for edge in edges:
         at = rows[edge.name]
@@ -487,7 +487,7 @@ def _turns(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
 
 
 def _ahead(edges: Sequence[Edge]) -> Iterator[Finding]:
-    """Report edges with most stamps ahead of their arrival, in one finding."""
+    """Report edges whose stamps are mostly ahead of arrival, in one finding."""
     found = []
     for edge in edges:
         ahead = edge.stamps - edge.arrivals

@@ -75,13 +75,13 @@ def held_rows(judge: Judge, state: StoreReader, arrival: int) -> Rows:
 
 
 def judge_state(judge: Judge, state: StoreReader, arrival: int) -> list[Event]:
-    """Judge the newest sample of each edge, where commits before it went by unseen."""
+    """Evaluate the newest sample of each edge, after missed commits."""
     judge.forget({child for _, child in judge.edges})
     return judge.feed_held(held_rows(judge, state, arrival))
 
 
 class Followed(Protocol):
-    """A store that others write to, and the clock of its stamps."""
+    """A store with other writers, and the clock of its stamps."""
 
     commit: int
 
@@ -95,19 +95,19 @@ class Followed(Protocol):
 
     @property
     def clock(self) -> Clock | None:
-        """The store's, if `now` is that."""
+        """The store's clock, if `now` reads it."""
 
     def wait(self, until: float) -> bool:
-        """Wait for a commit beyond `commit`; False: none came until then (monotonic seconds)."""
+        """Wait for a commit after `commit`; False: none came until that monotonic time."""
 
     def sleep(self, until: float) -> None:
-        """Wait until then (monotonic seconds), or for the end of the source."""
+        """Wait until that monotonic time, in seconds, or the end of the source."""
 
 
 class Follower:
-    """Tells what is committed to a live store, in its order.
+    """Reads the commits of a live store, in order.
 
-    Who falls behind the feed goes on with the newest state; `missed` says how much went by unseen.
+    If the feed overruns it, it continues with the newest state, and `missed` counts the commits.
     """
 
     def __init__(self, live: Followed) -> None:
@@ -120,7 +120,7 @@ class Follower:
     def read(self, until: float, rested: float = math.inf) -> list[Stretch]:
         """Return commits since the last call; wait for one until a monotonic time.
 
-        `rested`: when it looks for commits again at the latest, although it was busy.
+        `rested`: the latest time of the next check for commits, even if it was busy.
         """
         live, now = self._live, time.monotonic()
         rest = min(_REST * (now - self._busy_since), _LONGEST_REST)

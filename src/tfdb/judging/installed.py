@@ -32,7 +32,7 @@ class Installed:
         return self._remove is None
 
     def remove(self) -> None:
-        """Expect this no more. What it has broken is forgotten: its events do not end.
+        """Remove the expectations. Their active events are dropped without an end.
 
         A second call does nothing.
         """

@@ -1,6 +1,6 @@
-"""The incremental judge: fed rows in batches of columns and told the time, it gives events.
+"""Incremental evaluation of expectations: batches of samples, and times, give events.
 
-It has no clock. Batches that are cut elsewhere give the same events. The state of each kind of
+Samples are columns. It has no clock. Events do not depend on the division into batches. The state of each kind of
 event is a few arrays, by number of the edge or authority. A batch costs a constant number of numpy
 calls, and one more round of them for each jump of an edge's stamps within it.
 """
@@ -51,7 +51,7 @@ _SILENCES = ("missing", "deadline", "lifespan", "liveliness")
 
 @dataclass(frozen=True)
 class Rows:
-    """Samples in the order of their arrival, as columns; numbers are those of a judge."""
+    """Samples in order of arrival, as columns; a judge numbers edges and authorities."""
 
     arrivals: Integers
     """Nanoseconds, not decreasing."""
@@ -60,19 +60,19 @@ class Rows:
     authorities: Integers
     """From `Judge.number_authorities`."""
     stamps: Integers
-    """Nanoseconds; of static samples not used."""
+    """Nanoseconds; unused for static samples."""
     poses: Floats
     """(N, 7)."""
     static: Flags
     commits: Integers | None = None
-    """The commit of each; None: they come from a recording."""
+    """The commit of each sample; None: from a recording."""
 
     def __len__(self) -> int:
         return len(self.arrivals)
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
-        """Return the rows of several batches; without commits."""
+        """Return the rows of several batches, without commits."""
         names = ("arrivals", "edges", "authorities", "stamps", "poses", "static")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
@@ -90,7 +90,7 @@ class Rows:
 
 
 class Groups:
-    """Rows sorted by subject; those of one subject stay in their order."""
+    """Rows sorted by subject; the order within a subject stays."""
 
     def __init__(self, subjects: Integers, rows: Integers) -> None:
         self.subjects = subjects
@@ -114,21 +114,21 @@ class Groups:
         return Groups(self.subjects[chosen], self.rows[chosen])
 
     def before(self, values: npt.NDArray[Any], state: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Give each row the value of its subject's row before, the first that of the state."""
+        """Return for each row the value of its subject's previous row, or of the state."""
         found = np.empty_like(values)
         found[1:] = values[:-1]
         found[self.starts] = state[self.subjects[self.starts]]
         return found
 
     def greatest(self, values: Integers, state: Integers) -> Integers:
-        """Give each row the greatest value of its subject so far."""
+        """Return for each row the greatest value of its subject so far."""
         values = values.copy()
         values[self.starts] = np.maximum(values[self.starts], state[self.subjects[self.starts]])
         falls = values[1:] < values[:-1]
         falls &= ~self.starts[1:]
         if not falls.any():
             return values
-        # Running over ranks that begin anew, and higher, with each group.
+        # A running maximum of ranks, which start higher in each group.
         order = np.argsort(values, kind="stable")
         ranks = np.empty_like(order)
         ranks[order] = np.arange(len(order))
@@ -140,8 +140,8 @@ class Groups:
 class _Kind:
     """One kind of event, of all its subjects: edges, authorities or the clock.
 
-    A silence breaks the expectation once it is due. Samples break it at once, and it is met again
-    once it is due.
+    A silence breaks the expectation at its due time. A sample breaks it at once, and it is met
+    again at the due time.
     """
 
     def __init__(self, name: str) -> None:
@@ -159,7 +159,7 @@ class _Kind:
         self.worst = np.zeros(0)
 
     def add(self, limits: Sequence[float | None], begun: Sequence[bool], start: int) -> None:
-        """Add subjects; those that have begun wait from the start on."""
+        """Add subjects; active ones are due from the start."""
         new = np.array([np.nan if limit is None else limit for limit in limits], dtype=np.float64)
         free = np.isnan(new)
         lengths = np.where(free, NEVER, np.rint(np.where(free, 0, new) * NS)).astype(np.int64)
@@ -173,7 +173,7 @@ class _Kind:
         self.judged = self.judged or not free.all()
 
     def change(self, limits: Sequence[float | None], since: Integers, now: int) -> list[int]:
-        """Give the subjects other limits; return those whose limit is another one.
+        """Set the subjects' limits; return the subjects whose limit changed.
 
         Their silences count from `since`; NEVER: not yet.
         """
@@ -198,20 +198,20 @@ class _Draft:
     time: int
     value: float
     row: int | None = None
-    """The row that began or ended it; None: time passed."""
+    """The row that began or ended it; None: the time did."""
     count: int | None = None
-    """Of samples, how many broke the limit so far."""
+    """Number of samples that broke the limit so far."""
     begins: bool = field(kw_only=True)
 
     @property
     def key(self) -> tuple[int, bool, int, int, int]:
-        """The order of events: what time brings comes after the rows of that time."""
+        """The order of events: those of a time come after those of its rows."""
         row = -1 if self.row is None else self.row
         return self.time, self.row is None, row, self.kind.place, self.subject
 
 
 class Judge:
-    """Judges edges and authorities by expectations, as it is fed. Threads: one.
+    """Evaluates expectations of edges and authorities incrementally. Threads: one.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ class Judge:
         self._wait_for_expected(start)
 
     def number_edges(self, parents: Sequence[str], children: Sequence[str]) -> Integers:
-        """Return the numbers of edges; new ones are judged from now on."""
+        """Return the numbers of edges; new ones are evaluated from now on."""
         return _numbers(self.edges, lambda: zip(parents, children, strict=True), self._add_edges)
 
     def number_authorities(self, names: Sequence[str]) -> Integers:
@@ -271,10 +271,10 @@ class Judge:
         return _numbers(self.authorities, lambda: names, self._add_authorities)
 
     def feed(self, rows: Rows, doubt: int = 0) -> list[Event]:
-        """Judge samples, and the time until the last of them.
+        """Evaluate samples, and the time until the last of them.
 
-        They may have arrived later than the rows say, by so many nanoseconds: the next ones are
-        waited for longer.
+        They may have arrived that many nanoseconds later than the rows state, so the next ones
+        are due later.
         """
         if not len(rows):
             return []
@@ -309,30 +309,30 @@ class Judge:
         return self._finish(drafts, int(rows.arrivals[-1]), rows)
 
     def feed_held(self, rows: Rows, doubt: int = 0) -> list[Event]:
-        """Judge samples that a store had already, as if they arrived now.
+        """Evaluate existing samples of a store, as if they arrived now.
 
-        When they did arrive, their stamps may have been on time.
+        They do not count as late: their stamps may have been on time when they arrived.
         """
         events = self.feed(rows, doubt)
         self._ahead[rows.edges] = np.maximum(self._ahead[rows.edges], 0)
         return events
 
     def advance(self, now: int) -> list[Event]:
-        """Judge the time until now, nanoseconds: what did not arrive."""
+        """Evaluate the time until now, nanoseconds: report missing samples."""
         return self._finish(self._go_back(now), now, None)
 
     def set_ahead(self, now: int, by: int) -> list[Event]:
-        """Judge the time until the clock was set ahead, by so many nanoseconds to `now`.
+        """Evaluate the time until the clock was set ahead by that many nanoseconds, to `now`.
 
-        That time did not pass: all that is waited for moves along.
+        That time did not pass, so all due times move by as much.
         """
         events = self.advance(now - by)
         return events + self._finish(self._set_clock(now), now, None)
 
     def earliest_arrivals(self, rows: Rows, first: int, last: int) -> Integers:
-        """When samples may have arrived: none came faster after its stamp than others before.
+        """Return the earliest arrivals of samples, between `first` and `last`.
 
-        Not before `first`, nor after `last`.
+        No sample arrived sooner after its stamp than earlier ones.
         """
         ahead = self._ahead[rows.edges]
         times = rows.stamps - np.where(ahead == -NEVER, 0, ahead)
@@ -340,7 +340,7 @@ class Judge:
         return found.clip(first, last)
 
     def forget(self, frames: Collection[str]) -> None:
-        """Forget the samples of frames whose edges were cleared: their stamps may begin anew."""
+        """Forget the samples of frames whose edges were cleared: their stamps may restart."""
         if not frames:
             return
         chosen = [number for (_, child), number in self.edges.items() if child in frames]
@@ -353,10 +353,10 @@ class Judge:
         self._far[:, chosen] = 0
 
     def change(self, expectations: Expectations, start: int) -> None:
-        """Judge by other expectations, of the same clock; new ones wait from `start` on.
+        """Replace the expectations, of the same clock; new ones count from `start`.
 
-        What is expected as before goes on. Of a limit that changes or ends, the event that has
-        begun is forgotten.
+        Unchanged expectations keep their state. If a limit changes or is removed, its active
+        event is dropped.
         """
         self._expectations, self._limits = expectations, edge_limits(expectations)
         self._severities = {"edge": [], "authority": [], "clock": [expectations.default.severity]}
@@ -380,9 +380,9 @@ class Judge:
         self._wait_for_expected(start)
 
     def next_due(self) -> int | None:
-        """Return the last time at which nothing new has begun or ended, if no sample comes.
+        """Return the last time before the next event if no sample arrives.
 
-        None: nothing is waited for.
+        None: nothing is due.
         """
         judged = (kind for kind in self._kinds.values() if len(kind.due))
         due = min(int(k.due[k.broken != k.silence].min(initial=NEVER)) for k in judged)
@@ -395,7 +395,7 @@ class Judge:
             self.active.pop((name, subject), None)
 
     def _wait_for_expected(self, start: int) -> None:
-        """Wait for the edges and authorities that are named, and not known yet."""
+        """Expect the named edges and authorities that have not appeared yet."""
         edges = [(each.parent, each.child) for each in self._expectations.edges if each.is_exact]
         self._add_edges([each for each in edges if each not in self.edges], start)
         names = expected_authorities(self._expectations)
@@ -453,7 +453,7 @@ class Judge:
         return self._set_clock(now) if now < self._now else []
 
     def _set_clock(self, now: int) -> list[_Draft]:
-        """Where the clock is set, all that is waited for moves along: a time jump."""
+        """Move all due times when the clock is set: a time jump."""
         moved = now - self._now
         for kind in self._kinds.values():
             kind.due = np.where(kind.due < NEVER, kind.due + moved, NEVER)
@@ -467,7 +467,7 @@ class Judge:
         return [replace(draft, row=None) for draft in drafts]
 
     def _judge_static(self, rows: Rows, groups: Groups) -> list[_Draft]:
-        """End what moving edges break that are static from now on: no sample is waited for."""
+        """End events of moving edges that became static: no sample is due."""
         drafts: list[_Draft] = []
         for kind in (self._kinds["deadline"], self._kinds["lifespan"]):
             if kind.judged:
@@ -477,7 +477,7 @@ class Judge:
         return drafts
 
     def _judge_motion(self, rows: Rows, groups: Groups) -> list[_Draft]:
-        """Judge stamps and poses of moving samples."""
+        """Evaluate stamps and poses of moving samples."""
         drafts: list[_Draft] = []
         if self._by_stamps:
             order = np.sort(groups.rows)
@@ -496,7 +496,7 @@ class Judge:
     def _judge_stretch(
         self, rows: Rows, groups: Groups, jumps: Floats, drafts: list[_Draft]
     ) -> Groups:
-        """Judge each edge up to the first jump of its stamps; return the rows after the jumps."""
+        """Evaluate each edge up to its first jump of stamps; return the rows after the jumps."""
         stamps, arrivals = rows.stamps[groups.rows], rows.arrivals[groups.rows]
         newest = groups.greatest(stamps, self._newest)
         before = groups.before(newest, self._newest)
@@ -526,7 +526,7 @@ class Judge:
         self._judge_poses(rows, groups.only(fresh), before[fresh], drafts)
         kind = self._kinds["lifespan"]
         if kind.judged:
-            # Where the stamps jump, ages go on as if they had not: that is one event, no more.
+            # A jump of the stamps does not change ages, so it is one event only.
             jumping = jump | (far > 0)
             arrived = groups.greatest(np.where(fresh | jump, arrivals, 0), self._fresh)
             base = np.where(jumping, arrivals, arrived)
@@ -535,7 +535,7 @@ class Judge:
                 base = np.where(jumping, usual, newest) - self._skew[groups.subjects]
             due = np.minimum(base, NEVER - 1) + kind.lengths[groups.subjects]
             due[np.abs(base - arrivals) > ANOTHER_CLOCK] = NEVER
-            for _ in range(2):  # of samples far behind, which end no event; the third is a jump
+            for _ in range(2):  # samples far in the past, which end no event; the third is a jump
                 due_before = groups.before(due, kind.due)
                 due = np.where((far > 0) & ~jump & (arrivals > due_before), due_before, due)
             drafts += _silences(kind, groups, rows.arrivals, due)
@@ -554,7 +554,7 @@ class Judge:
     def _judge_poses(
         self, rows: Rows, groups: Groups, before: Integers, drafts: list[_Draft]
     ) -> None:
-        """Judge each new pose against that of the newest stamp before it."""
+        """Compare each new pose with that of the newest stamp before it."""
         kinds = self._kinds
         if not (kinds["step"].judged or kinds["speed"].judged or kinds["turn"].judged):
             return
@@ -579,7 +579,7 @@ class Judge:
             drafts += _samples(kind, groups.only(bad), rows.arrivals, values[bad])
 
     def _finish(self, drafts: list[_Draft], now: int, rows: Rows | None) -> list[Event]:
-        """Report what passed until now, and make the events in their order."""
+        """Report due silences, and return the events in order."""
         self._now = max(self._now, now)
         for kind in self._kinds.values():
             passed = kind.due < self._now
@@ -638,7 +638,7 @@ class Judge:
 def _limits_of_edges(
     found: Sequence[Expectation], begun: Sequence[bool]
 ) -> dict[str, list[float | None]]:
-    """Return the limits of edges by kind; those that have not begun cannot be missing."""
+    """Return the limits of edges by kind; an inactive edge cannot be missing."""
     least = PATIENCE / NS
     return {
         "missing": [
@@ -681,7 +681,7 @@ def _repeating(kind: _Kind, groups: Groups, arrivals: Integers, doubt: int) -> l
 
 
 def _silences(kind: _Kind, groups: Groups, arrivals: Integers, due: Integers) -> list[_Draft]:
-    """Report rows that came after what was due, and rows after which more is due already."""
+    """Report rows after their due time, and rows whose next one is already due."""
     times, subjects = arrivals[groups.rows], groups.subjects
     due_before = groups.before(due, kind.due)
     passed, broken = times > due_before, times > due

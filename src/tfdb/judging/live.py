@@ -1,4 +1,4 @@
-"""The loop of all that is judged live: a follower, a judge, and the next look at the time."""
+"""The loop of live evaluation: a follower, a judge, and the next check of the time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _PAST = 1e-4
 
 
 class _Passing:
-    """Looks at a store's clock, and finds where it was set ahead. Threads: one."""
+    """Reads a store's clock, and detects when it was set ahead. Threads: one."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -43,7 +43,7 @@ class _Passing:
         self._shown, self._speed = clock.now(), self._speed_now()
 
     def look(self) -> tuple[int, int]:
-        """Return what the clock shows, and how much more of it went by than can have passed."""
+        """Return the clock's time, and how far it is ahead of the time that can have passed."""
         began, now = time.monotonic_ns(), self._clock.now()
         passed, speed = time.monotonic_ns() - self._began, self._speed_now()
         ahead = now - self._shown - round(passed * max(speed, self._speed))
@@ -55,7 +55,7 @@ class _Passing:
 
 
 class LiveJudge:
-    """Judges what is committed to a live store, as it comes.
+    """Evaluates the commits of a live store as they arrive.
 
     A sample arrives when its commit is read. What is due between two looks is met by a sample that
     the second one finds. If that look is half a second late, the stamps decide: a sample then came
@@ -103,7 +103,7 @@ class LiveJudge:
 
     @property
     def missed(self) -> int:
-        """How many commits went by unseen."""
+        """Number of missed commits."""
         return self._follower.missed
 
     def read(self, until: float = math.inf) -> list[Stretch]:
@@ -122,7 +122,7 @@ class LiveJudge:
     def take(
         self, stretches: Sequence[Stretch], look: tuple[int, int] | None = None
     ) -> list[Event]:
-        """Judge commits that were read, and the time until now: until the look, if one is given."""
+        """Evaluate read commits, and the time until now or until a given reading of the clock."""
         now, ahead = look or self.look()
         since, self.looked = self.looked, now
         due = now if self._due is None else self._due
@@ -130,7 +130,7 @@ class LiveJudge:
         doubt = now - due if not ahead and max(since, now - _DOUBT) <= due < now else 0
         events: list[Event] = []
         for each in stretches:
-            self.judge.forget(each.cleared)  # the stamps of such a frame may begin anew
+            self.judge.forget(each.cleared)  # the stamps of such a frame may restart
             fed = numbered(self.judge, each.arrived, now)
             if is_late or ahead:
                 fed.arrivals[:] = self.judge.earliest_arrivals(fed, since, now)
@@ -163,11 +163,11 @@ class LiveJudge:
         return events
 
     def look(self) -> tuple[int, int]:
-        """Return what the clock shows, and how far it was set ahead since the last look."""
+        """Return the clock's time, and how far it was set ahead since the last call."""
         return (self._live.now(), 0) if self._passing is None else self._passing.look()
 
     def change(self, expectations: Expectations, now: int) -> None:
-        """Judge by other expectations from now on."""
+        """Replace the expectations from now on."""
         self.judge.change(expectations, now)
         self._due = self._next_due()
 

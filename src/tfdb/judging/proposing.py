@@ -1,4 +1,4 @@
-"""Expectations that a good recording meets, and its rows for a judge."""
+"""Proposes expectations that a good recording meets; makes its rows for a judge."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def recorded_arrivals(paths: Sequence[str | os.PathLike[str]]) -> Arrivals:
 
 
 def judge_recording(arrivals: Arrivals, expectations: Expectations) -> list[Event]:
-    """Judge the transforms of a recording, from its first arrival to its last or a watch's end."""
+    """Evaluate a recording's transforms, from the first arrival to the last or the watch's end."""
     start, end = span_of(arrivals)
     judge = Judge(expectations, start)
     return [*judge.feed(rows_of(arrivals, judge)), *judge.advance(end)]
@@ -131,7 +131,7 @@ def propose(*paths: str | os.PathLike[str]) -> Expectations:
 
 
 def propose_for(arrivals: Arrivals) -> Expectations:
-    """Propose limits for what was read already."""
+    """Propose limits for arrivals that were read before."""
     start, end = span_of(arrivals)
     rows = rows_of(arrivals, judge := Judge(Expectations(), start))
     moving = rows.at(~rows.static)
@@ -189,7 +189,7 @@ def _twice(values: npt.NDArray[np.float64]) -> float | None:
 
 
 def _round_up(value: float) -> float | None:
-    """Return two digits of a limit; None where the limit would be 0."""
+    """Round a limit up to two digits; None if it would be 0."""
     if value < 1e-9:
         return None
     power = math.floor(math.log10(value)) - 1
@@ -197,9 +197,9 @@ def _round_up(value: float) -> float | None:
 
 
 def span_of(arrivals: Arrivals) -> tuple[int, int]:
-    """Return the first and last arrival of what moves; a watched store's time goes on to the end.
+    """Return the first and last arrival of moving transforms; for a live store, its whole watch.
 
-    Where nothing moves: the time that was watched, and of recordings that of what is static.
+    Without moving transforms: the watch, or the arrivals of a recording's static transforms.
     """
     edges = list(arrivals.log.edges())
     known = [each for edge in edges if len(each := edge.moving.arrivals)]

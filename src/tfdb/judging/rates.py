@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Delays:
-    """Times from a stamp to its arrival, in nanoseconds, over some period.
+    """Times from a stamp to its arrival, in nanoseconds, over a period.
 
-    Stamps of another clock than that of the arrivals have none.
+    Stamps of a clock other than that of the arrivals have no delay.
     """
 
     count: int
@@ -33,7 +33,7 @@ class Delays:
     gap: int
     """The longest time between two stamps."""
     nearest: int | None
-    """From a stamp of any clock to its arrival: the one that is nearest to 0."""
+    """Delay of a stamp of any clock: the one nearest to 0."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ _NOTHING = np.array([0, 0, -NEVER, 0, NEVER, -NEVER])
 
 
 class _Sums:
-    """Delays of numbered subjects over the last periods: two arrays a period, a column a subject.
+    """Delays of numbered subjects over the last periods: two arrays for each period.
 
     One holds integers, the other the sum of the delays, which integers of 64 bits cannot.
     """
@@ -77,7 +77,7 @@ class _Sums:
         now[_COUNT] += np.bincount(subjects, minlength=now.shape[1])
 
     def add(self, subjects: Integers, delays: Integers) -> None:
-        """Count arrivals, so long after their stamps."""
+        """Count arrivals with their delays."""
         self.count(subjects)
         now, totals = self._periods[-1]
         behind = delays >= 0
@@ -96,7 +96,7 @@ class _Sums:
         return [_delays(column, total, apart=apart) for column, total in columns]
 
     def nearest(self) -> int:
-        """How near any stamp of these is to its arrival; NEVER without any."""
+        """Return the least distance of a stamp to its arrival; NEVER without stamps."""
         whole, _ = self._joined()
         return int(np.minimum(whole[_BEHIND], -whole[_AHEAD]).min(initial=NEVER))
 
@@ -134,7 +134,7 @@ def _delays(column: list[int], total: float, *, apart: bool) -> Delays:
 
 
 class Rates:
-    """Counts arrivals, over the last periods alone.
+    """Counts arrivals over the last periods.
 
     Parameters
     ----------
@@ -193,33 +193,33 @@ class Rates:
         self._newest[[self._numbers[name] for name in frames if name in self._numbers]] = -1
 
     def add_net(self, delay: int) -> None:
-        """Count the delay of the chain that is watched."""
+        """Count the delay of the monitored chain."""
         self._net.add(np.zeros(1, dtype=np.int64), np.array([delay]))
 
     def next_period(self, now: int) -> None:
-        """Begin another period, and forget those that are too long ago."""
+        """Begin another period, and drop periods that are too old."""
         self._began.append(now)
         for each in (self._of_frames, self._of_authors, self._net):
             each.next_period()
 
     def seconds(self, now: int) -> float:
-        """How long the periods are that count."""
+        """Total length of the periods that count."""
         return max(now - self._began[0], 1) / NS
 
     def of_frames(self) -> Iterator[tuple[str, Frame, Delays]]:
-        """Each frame with the delays that count, by name."""
+        """Return each frame with its delays, by name."""
         self._of_frames.grow(len(self._numbers))
         found = self._of_frames.all(apart=self._are_apart())
         names, pairs = self._judge.authority_names, self._judge.edge_names
         for name, number in sorted(self._numbers.items()):
-            if self._edges[number] < 0:  # it is expected, and has not come
+            if self._edges[number] < 0:  # expected, and has not arrived
                 continue
             authors = tuple(sorted(names[author] for author in self._authors[number]))
             edge = pairs[self._edges[number]]
             yield name, Frame(edge[0], bool(self._static[number]), authors), found[number]
 
     def of_authors(self) -> list[tuple[str, Delays]]:
-        """Each publisher with the delays of all that it sent, by name."""
+        """Return each publisher with its delays, by name."""
         self._of_authors.grow(len(self._judge.authority_names))
         found = self._of_authors.all(apart=self._are_apart())
         seen = set[int]().union(*self._authors.values())
@@ -227,12 +227,12 @@ class Rates:
         return sorted(each for number, each in enumerate(named) if number in seen)
 
     def of_chain(self) -> Delays:
-        """The delays of the chain that is watched."""
+        """The delays of the monitored chain."""
         self._net.grow(1)
         return self._net.all(apart=self._are_apart())[0]
 
     def _are_apart(self) -> bool:
-        """Whether no stamp of any frame is near to its arrival: all are of another clock."""
+        """Whether no stamp is near its arrival, so that all come from another clock."""
         return TIMELY < self._of_frames.nearest() < NEVER
 
     def _number_frames(self) -> None:

@@ -1,4 +1,4 @@
-"""The thread that judges a buffer by its expectations."""
+"""The thread that evaluates a buffer's expectations."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _LEVELS = {
 
 
 class _Source:
-    """A buffer as it is followed. `wake` ends a wait, from any thread."""
+    """A buffer that is followed. `wake` ends a wait, from any thread."""
 
     def __init__(self, buffer: Buffer) -> None:
         self.store = buffer
@@ -58,7 +58,7 @@ class _Source:
     def _new_watch(self) -> Watch:
         watch = self.store.watch(every=True)
         with suppress(FeedLapped):
-            watch.next(self.store.commit, 0, limit=1)  # it looks from its first call on
+            watch.next(self.store.commit, 0, limit=1)  # the first call registers the watch
         return watch
 
     def close(self) -> None:
@@ -67,8 +67,10 @@ class _Source:
     def wake(self) -> None:
         self._woken.set()
         old = self._watch
-        with suppress(TfdbError):  # where this thread may not make one, the other thread does
-            self._watch = self._new_watch()  # before the other ends: none misses a removed store
+        with suppress(TfdbError):  # if this thread must not make one, the other thread does
+            self._watch = (
+                self._new_watch()
+            )  # before the old one ends, so that a removed store is noticed
         old.close()
 
     def wait(self, until: float) -> bool:
@@ -78,7 +80,7 @@ class _Source:
             try:
                 watch.next(self.commit, left, limit=1)
             except FeedLapped:
-                pass  # the read that follows counts what is lost
+                pass  # the next read counts the lost commits
             except WatchClosed:
                 if self._watch is watch:
                     self._watch = self._new_watch()
@@ -92,10 +94,10 @@ class _Source:
 
 
 class Watcher:
-    """Judges one buffer by all that was installed.
+    """Evaluates all installed expectations of one buffer.
 
-    The lock guards what comes and goes, and the judge. No code of users runs under it, nor a clock
-    of theirs.
+    The lock guards the installed expectations and the judge. Neither callbacks nor clocks of users
+    run under it.
     """
 
     def __init__(self, buffer: Buffer) -> None:
@@ -106,15 +108,15 @@ class Watcher:
         self._streams: WeakSet[EventStream] = WeakSet()
         self._live: LiveJudge | None = None
         self._source: _Source | None = None
-        self._pending: list[Event] = []  # that are to be told first
+        self._pending: list[Event] = []  # to be reported first
         self._thread: threading.Thread | None = None
-        self._error: BaseException | None = None  # that ended the judgement
+        self._error: BaseException | None = None  # that ended the evaluation
         self._asked = 0
         self._answered = 0
 
     def add(self, installed: Installed) -> None:
-        """Judge by further expectations from now on."""
-        source = _Source(self._buffer)  # this refuses what cannot be followed
+        """Add expectations from now on."""
+        source = _Source(self._buffer)  # raises for a buffer that cannot be followed
         now = source.now()
         with self._lock:
             if self._live is not None:
@@ -135,7 +137,7 @@ class Watcher:
             self._wake()
 
     def remove(self, installed: Installed) -> None:
-        """Judge by what remains."""
+        """Evaluate the remaining expectations."""
         with self._lock:
             if installed.removed:
                 return
@@ -149,7 +151,7 @@ class Watcher:
             self._wake()
 
     def events(self, max_pending: int) -> EventStream:
-        """Return a stream of the events that follow."""
+        """Return a stream of later events."""
         stream = EventStream(self._buffer, max_pending)
         _ = self._buffer.commit  # it raises BufferClosed
         with self._lock:
@@ -158,7 +160,7 @@ class Watcher:
 
     @property
     def missed(self) -> int:
-        """How many commits went by unseen."""
+        """Number of missed commits."""
         with self._lock:
             return 0 if self._live is None else self._live.missed
 
@@ -170,7 +172,7 @@ class Watcher:
             return sorted(self._live.judge.active.values(), key=lambda event: event.rank)
 
     def drain(self, timeout: float | None) -> bool:
-        """Wait until all commits so far, and the time until now, are judged and told."""
+        """Wait until all commits so far, and the time until now, are evaluated and reported."""
         if threading.current_thread() is self._thread:
             raise InvalidArgument("drain() cannot be called in on_event: it would wait for itself")
         until = None if timeout is None else time.monotonic() + timeout
@@ -220,7 +222,7 @@ class Watcher:
             self._end(error)
 
     def _step(self) -> bool:
-        """Judge the next commits, or what is due. False: nothing is expected any more."""
+        """Evaluate the next commits, or due silences. False: no expectation remains."""
         with self._lock:
             live, source, asked = self._live, self._source, self._asked
             if live is None or source is None:
@@ -254,7 +256,7 @@ class Watcher:
         if (tell := self.on_event) is not None:
             try:
                 tell(event)
-            except BaseException:  # an exit or Ctrl-C is not this thread's to obey
+            except BaseException:  # the main thread handles an exit or Ctrl-C
                 LOGGER.exception("on_event raised")
 
     def _end(self, error: BaseException) -> None:

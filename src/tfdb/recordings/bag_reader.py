@@ -1,7 +1,7 @@
 """ROS 1 bags (http://wiki.ros.org/Bags/Format/2.0).
 
-With the index at the end of the file only those chunks are read that hold what is wanted. Without
-it (`salvage`) the file is walked from its beginning.
+With the index at the end of the file, only chunks with selected messages are read. Without it
+(`salvage`) the file is scanned from its beginning.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _KINDS = (_HEADER, _CHUNK, _CONNECTION, _COUNTS, _CHUNK_INFO)
 # Bytes in the index of a chunk for each of its messages.
 _COUNTED = 12
 _HINT = "`rosbag reindex` or salvage=True (--salvage) may save the rest"
-# A header holds a few numbers and a topic's name.
+# A header has a few numbers and a topic's name.
 _MAX_HEADER = 2**20
 _u32 = struct.Struct("<I").unpack_from
 _u64 = struct.Struct("<Q").unpack_from
@@ -50,7 +50,7 @@ _seconds = struct.Struct("<II").unpack_from
 
 @dataclass(frozen=True)
 class _Connection:
-    """Who published what on which topic."""
+    """A publisher, its topic and its message type."""
 
     topic: str
     type: str
@@ -59,7 +59,7 @@ class _Connection:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Where a chunk lies, and how many messages of each connection are in it."""
+    """The position of a chunk, and its number of messages of each connection."""
 
     position: int
     start: int
@@ -69,7 +69,7 @@ class _Chunk:
 
 @dataclass
 class _Index:
-    """What the end of a bag says of the rest."""
+    """The index at the end of a bag."""
 
     connections: dict[int, _Connection] = field(default_factory=dict)
     chunks: list[_Chunk] = field(default_factory=list)
@@ -78,7 +78,7 @@ class _Index:
         return sum(chunk.counts.get(connection, 0) for chunk in self.chunks)
 
     def confirm(self, fields: Fields, data: bytes) -> None:
-        """Refuse a connection that a chunk declares otherwise than the index."""
+        """Refuse a connection that differs between chunk and index."""
         id_, there = _number(fields, b"conn", 4), _connection(fields, data)
         here = self.connections.get(id_)
         if here is None or (here.topic, here.type) != (there.topic, there.type):
@@ -87,7 +87,7 @@ class _Index:
 
 @dataclass(frozen=True)
 class _Record:
-    """A record at the top of the file, its data not yet read."""
+    """A top-level record of the file, its data not yet read."""
 
     fields: Fields
     at: int
@@ -145,7 +145,7 @@ def _salvaged(path: Path, file: RawFile) -> Container:
     missing = _index_position(file) - file.size
     if reason is not None and missing > 0 and not gathered.reasons:
         gathered.lose(missing, f"cut short between two records: {reason}")
-    # Where nothing broke off, the records behind the chunks tell of all messages as the index does.
+    # In a complete file, the records after the chunks have the same counts as the index.
     likelier = max if gathered.reasons else min
     for id_ in index.connections:
         counted, promised = gathered.promised[id_], index.count(id_)
@@ -221,7 +221,7 @@ def _read_index(path: Path, file: RawFile) -> _Index:
 
 
 def _index_position(file: RawFile) -> int:
-    """Where the index is to be; 0 where that cannot be read."""
+    """Return the position of the index; 0 if it cannot be read."""
     try:
         return _number(_record(file, _FIRST_RECORD, _HEADER).fields, b"index_pos", 8)
     except (BadDataError, struct.error):
@@ -272,9 +272,9 @@ def _unpacked_size(chunk: _Record) -> int:
 
 
 def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int]) -> Gathered:
-    """Walk over the records of the file; where they break off, go on with the next known chunk.
+    """Scan the records of the file; after damage, continue with the next known chunk.
 
-    Adds the connections that it finds to those known.
+    Adds the connections that it finds to the known ones.
     """
     found = Gathered()
     walked: set[int] = set()
@@ -283,7 +283,7 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
         id_, connection = _number(fields, b"conn", 4), _connection(fields, data)
         if connections.setdefault(id_, connection) != connection:
             found.lose(0, f"connection {id_} is declared again, on {connection.topic!r}")
-            if id_ not in walked:  # the index, at the end, has spoken first
+            if id_ not in walked:  # the index, at the end, was read first
                 connections[id_] = connection
         walked.add(id_)
 
@@ -314,7 +314,7 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
 
 
 def _counted(record: _Record) -> int:
-    """How many messages of a connection are in the chunk before."""
+    """Number of messages of a connection in the previous chunk."""
     count = _number(record.fields, b"count", 4)
     if record.size != count * _COUNTED:
         raise BadDataError(f"an index of {count} messages in {record.size} bytes")
@@ -349,8 +349,8 @@ def _gather_chunk(
 def _messages_in(
     raw: bytes, wanted: Callable[[int], bool], learn: Callable[[Fields, bytes], None]
 ) -> Iterator[Payload]:
-    """The messages of a chunk that are wanted, as they lie there; connections are learned."""
-    # Headers of one connection's messages differ in the time alone, which comes last.
+    """Return the selected messages of a chunk in its order; add its connections."""
+    # Headers of one connection's messages differ only in the time, which comes last.
     known: dict[bytes, int] = {}
     at, end = 0, len(raw)
     while at < end:
@@ -384,7 +384,7 @@ def _break(reason: object, at: int) -> NoReturn:
 
 
 def _message_of(header: bytes, data: bytes, learn: Callable[[Fields, bytes], None]) -> int | None:
-    """The connection of a message; None for another record, of which a connection is learned."""
+    """Return the connection of a message; None for another record. Adds a new connection."""
     fields = _fields(header)
     kind = _number(fields, b"op", 1)
     if kind == _MESSAGE:

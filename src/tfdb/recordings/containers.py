@@ -1,4 +1,4 @@
-"""What a recording's container gives, whatever its format.
+"""The interface of a recording's container, for all formats.
 
 One file per format makes a `Container` (`bag_reader`, `mcap_reader`, `db3_reader`, `bag_folder`).
 Payloads stay bytes: the store decodes them itself.
@@ -98,8 +98,8 @@ class Topic:
 class Source:
     """One stream of messages: a ROS 1 connection, a ROS 2 topic or an MCAP channel.
 
-    `authority` is who published: the node's name where the container knows it (ROS 1), else the
-    topic. `type` is that of the messages, as ROS 1 spells it.
+    `authority` is the publisher: the node's name if the container has it (ROS 1), otherwise the
+    topic. `type` is the message type in ROS 1's spelling.
     """
 
     topic: str
@@ -126,9 +126,9 @@ class Source:
 
     @property
     def is_static(self) -> bool:
-        """Whether its topic's name says that its transforms are static.
+        """Whether its transforms are static, by the topic's name.
 
-        `tf_static` is the last part of the name; of Foxglove's transforms, it ends in `_static`.
+        The last part of the name is `tf_static`; for Foxglove's transforms it ends in `_static`.
         """
         last = self.topic.rstrip("/").rsplit("/", 1)[-1]
         foxglove = self.type in FRAME_TRANSFORMS and last.endswith("_static")
@@ -166,9 +166,9 @@ class Container:
     """
 
     notes: tuple[str, ...] = ()
-    """Remarks on an unfinished or renamed file: how it was read."""
+    """Remarks on how an unfinished or renamed file was read."""
     store: str = ""
-    """Which store a tfdb.Recorder recorded; empty for other files."""
+    """The store that a tfdb.Recorder recorded; empty for other files."""
     rows: TrajectoryRows | None = None
     """Counts of the rows of a trajectory file."""
 
@@ -201,7 +201,7 @@ class Container:
     ) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and payload of each message, in order of reception.
 
-        `since`: the earliest reception. Raises `RecordingError` where the file is damaged, also
+        `since`: the earliest reception. Raises `RecordingError` if the file is damaged, possibly
         after some messages.
         """
         sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
@@ -219,10 +219,10 @@ class Container:
     def read(
         self, wanted: Callable[[Source], bool], step: Callable[[int], None]
     ) -> Iterator[tuple[Recorded, Mapping[int, Source]]]:
-        """All messages in parts, each with the sources by the numbers that these have there.
+        """All messages in parts, each with its sources by their numbers in the part.
 
-        The whole file is looked through first: raises `RecordingError` where it is damaged. So do
-        the parts, should the file change meanwhile. `step` is called with the number of messages
+        It checks the whole file first, and raises `RecordingError` if the file is damaged. So do
+        the parts if the file changes meanwhile. `step` is called with the number of messages
         since the last call.
         """
         if self._survey is not None:
@@ -248,18 +248,18 @@ class Container:
 
 
 def is_packed(source: Source, data: bytes) -> bool:
-    """Return whether a message is a zstd frame, as rosbag2 packs it: no CDR begins like one."""
+    """Whether a message is compressed by zstd, as rosbag2 does; CDR never begins like that."""
     return data[:4] == ZSTD and source.encoding == "cdr"
 
 
 def are_packed(messages: Recorded, sources: Mapping[int, Source]) -> bool:
-    """Return whether messages (at least one) are packed singly: a recorder packs all or none."""
+    """Whether messages (at least one) are compressed singly; a recorder does so to all or none."""
     _, id_, data = messages[0]
     return is_packed(sources[id_], data)
 
 
 def unpacked(messages: Recorded, sources: Mapping[int, Source]) -> Recorded:
-    """Return messages (at least one), each unpacked if they are packed singly."""
+    """Return messages (at least one), decompressed if they are compressed singly."""
     if not are_packed(messages, sources):
         return messages
     made = Recorded()
@@ -270,7 +270,7 @@ def unpacked(messages: Recorded, sources: Mapping[int, Source]) -> Recorded:
 
 
 def _check_counts(sources: Mapping[int, Source], found: Mapping[int, int]) -> None:
-    """Refuse a file that holds other numbers of messages than its index says."""
+    """Refuse a file whose numbers of messages differ from its index."""
     for id_, source in sources.items():
         if found.get(id_, 0) != source.messages:
             promise = f"its index promises {source.messages} messages on {source.topic!r}"
@@ -279,9 +279,9 @@ def _check_counts(sources: Mapping[int, Source], found: Mapping[int, int]) -> No
 
 @dataclass
 class Gathered:
-    """What a walk over a file without its index finds: only messages that may be of transforms.
+    """Messages found by a scan without the index; only those that may have transforms.
 
-    `promised` are the messages that records beside the chunks tell of, by id.
+    `promised` are the message counts in records outside the chunks, by id.
     """
 
     messages: list[Payload] = field(default_factory=list)
@@ -290,12 +290,12 @@ class Gathered:
     reasons: list[str] = field(default_factory=list)
 
     def lose(self, count: int, reason: object) -> None:
-        """Note bytes that gave nothing."""
+        """Count bytes without a message."""
         self.bytes_lost += max(count, 0)
         self.reasons.append(str(reason))
 
     def take(self, messages: Iterable[Payload], size: int) -> int:
-        """Add the messages of a chunk of `size` bytes; says how many bytes of it were good."""
+        """Add the messages of a chunk of `size` bytes; return how many bytes were valid."""
         try:
             for message in messages:
                 self.messages.append(message)
@@ -304,7 +304,7 @@ class Gathered:
         return size
 
     def found(self) -> Counter[int]:
-        """How many messages there are of each source."""
+        """Number of messages of each source."""
         return Counter(id_ for _, id_, _ in self.messages)
 
     def payloads(self, ids: Collection[int], since: int) -> list[Payload]:
@@ -314,7 +314,7 @@ class Gathered:
         return [message for message in self.messages[first:] if message[1] in ids]
 
     def losses(self, path: Path, sources: Mapping[int, Source]) -> list[Loss]:
-        """What was lost of the sources that can be read; nothing where nothing was."""
+        """The losses of the readable sources; empty if nothing was lost."""
         found = self.found()
         lost = sum(max(0, self.promised[id_] - found[id_]) for id_ in sources)
         if not lost and not self.reasons:
@@ -331,10 +331,10 @@ _STEP = 4096
 def in_order(
     chunks: Iterable[tuple[int, T]], read: Callable[[T], Iterable[Payload]]
 ) -> Iterator[Payload]:
-    """Messages by time, those of one time in the order of the file.
+    """Messages by time; those of one time are in the order of the file.
 
-    Their chunks come in that order, each with the time of its first message. They may overlap: what
-    may still be preceded waits for the next chunk.
+    Chunks come by the time of their first message. They may overlap, so a message waits until no
+    later chunk can have an earlier one.
     """
     by_start = sorted(enumerate(chunks), key=lambda numbered: numbered[1][0])
     ends = [start for _, (start, _) in by_start[1:]]
@@ -354,17 +354,17 @@ def in_order(
 
 
 def plain_type(name: str) -> str:
-    """A message type as ROS 1 spells it, or Foxglove, whichever spelling it has."""
+    """Return a message type in the spelling of ROS 1 or Foxglove."""
     return name.replace("/msg/", "/").replace("foxglove_msgs/", "foxglove.")
 
 
 def encodings_of(type_: str) -> tuple[str, ...]:
-    """In which encodings messages of a type are read."""
+    """Return the encodings in which messages of a type can be read."""
     return ("ros1", "cdr", "protobuf", "json") if type_.startswith("foxglove.") else ("ros1", "cdr")
 
 
 def is_tf_type(name: str) -> bool:
-    """Whether a message type, as ROS 1 or ROS 2 spells it, is one of transforms."""
+    """Whether messages of a type, in the spelling of ROS 1 or ROS 2, are transforms."""
     return plain_type(name) in _TF_TYPES
 
 
@@ -374,9 +374,9 @@ def is_read_type(name: str) -> bool:
 
 
 def encoding_of(path: Path, topic: str, type_: str, name: str) -> Encoding:
-    """The store's word for a container's; refuses encodings that transforms never have.
+    """Return the store's name of a container's encoding. Refuses encodings without transforms.
 
-    What is read on demand only may be encoded otherwise: who asks for it is told.
+    Messages that are read on demand may have another encoding: their reader raises the error.
     """
     if name in ("ros1", "ros1msg"):
         return "ros1"
@@ -387,9 +387,9 @@ def encoding_of(path: Path, topic: str, type_: str, name: str) -> Encoding:
 
 @contextmanager
 def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
-    """Turn what broken data raise where they are parsed into `RecordingError`.
+    """Convert the exceptions of parsers of damaged data to `RecordingError`.
 
-    Nothing else changes but errors of reading: they name the file.
+    Errors of reading get the name of the file. Other exceptions do not change.
     """
     try:
         with errors_name(path):
@@ -402,7 +402,7 @@ def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
 
 
 def kind_of(path: Path) -> Kind:
-    """What a file is, by its first bytes; of trajectories alone the name's end tells.
+    """Return the kind of a file by its first bytes, or of a trajectory by its extension.
 
     Raises `RecordingError` for anything that is not a recording, `OSError` where it cannot be
     opened.

@@ -61,7 +61,7 @@ def open_db3(path: Path, *, salvage: bool = False) -> Container:
     hint = more if salvage else f"{SALVAGE}; {more}"
     gathered = Gathered()
     with typed_errors(path, hint), _database_errors():
-        real = path.resolve()  # beside it lie its logs
+        real = path.resolve()  # its logs are beside it
         logs = _logs(real, gathered if salvage else None)
         database = _connected(real, logs, gathered if salvage else None)
         try:
@@ -251,7 +251,7 @@ def _rows(
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a table in the order of their numbers, without those on damaged pages.
 
-    Behind a damaged page, the search goes on in steps that double.
+    After a damaged page, the search continues in steps that double.
     """
     last, step = -1, 0
     while last + step < _LAST_ROW:
@@ -279,7 +279,7 @@ def _check_order(last: int, number: int) -> None:
 def _rows_before(
     database: sqlite3.Connection, query: str, first: int, last: int
 ) -> list[tuple[Any, ...]]:
-    """Return the rows between two, as far back from the later one as pages can be read."""
+    """Return rows back from the later of two, until a page cannot be read."""
     found = []
     with suppress(BadDataError):  # the caller has counted that page
         for number, *row in _rows_between(database, query, first, last, back=True):
@@ -311,7 +311,7 @@ def _rows_between(
 
 @contextmanager
 def _database_errors() -> Iterator[None]:
-    """Let what SQLite says of a damaged file count as that; a wrong call of it does not."""
+    """Convert SQLite's errors for damaged files to BadDataError, but not those of wrong calls."""
     try:
         yield
     except sqlite3.ProgrammingError:

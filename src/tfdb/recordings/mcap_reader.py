@@ -74,7 +74,7 @@ _NAMES = (
 )
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(1, 9)
 _ATTACHMENT, _STATISTICS, _METADATA, _DATA_END = 0x09, 0x0B, 0x0C, 0x0F
-# What the format forbids elsewhere. Kinds that it does not know are allowed everywhere.
+# Records that the format forbids elsewhere. Unknown kinds are allowed everywhere.
 _IN_CHUNK = frozenset({_SCHEMA, _CHANNEL, _MESSAGE})
 _IN_DATA = _IN_CHUNK | {_CHUNK, _MESSAGE_INDEX, _ATTACHMENT, _METADATA, _DATA_END}
 _KNOWN = frozenset(range(1, len(_NAMES)))
@@ -88,7 +88,7 @@ _CHUNK_HEAD = struct.Struct("<QQQI")
 _PAIR = struct.Struct("<HQ")
 _LOST_HEAD = struct.pack("<I", len(LOST)) + LOST.encode()
 _PIECE = 2**20
-# So many messages are worth the handling of a part of the file.
+# Fewer messages do not justify a part of the file.
 _PART = 256
 _LATEST = 2**64 - 1
 _WRONG_DATA = "data whose checksum is wrong"
@@ -105,7 +105,7 @@ class _Channel:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Where a chunk and its message indexes lie, its times, and its channels; none named: any."""
+    """The position of a chunk and its message indexes, its times and channels; empty: any."""
 
     position: int
     end: int
@@ -116,11 +116,11 @@ class _Chunk:
 
 @dataclass
 class _Index:
-    """What the file says of its messages: their streams, where they lie, how many there are.
+    """The index of a file's messages: their streams, positions and counts.
 
-    `data_crc` is the checksum of all before the end of the data; None: that is not where a summary
-    has it. `flaws` are what contradicts the format in well-formed records, with the bytes lost by
-    each.
+    `data_crc` is the checksum of all bytes before the end of the data; None: that is not where the
+    summary states. `flaws` are contradictions to the format in well-formed records, with the bytes
+    lost by each.
     """
 
     schemas: dict[int, str] = field(default_factory=dict)
@@ -144,7 +144,7 @@ class _Index:
         return (f"{text}: they came faster than the disk took them",) if self.lost else ()
 
     def learn(self, kind: int, data: bytes) -> None:
-        """Take in a schema, channel, chunk index, statistics or metadata record."""
+        """Add a schema, channel, chunk index, statistics or metadata record."""
         fields = _Fields(data)
         if kind == _SCHEMA:
             id_, name = fields.number(2), fields.text()
@@ -178,7 +178,7 @@ class _Index:
             self.lost += int(commits) if commits.isdecimal() else 0
 
     def learn_in_chunk(self, kind: int, data: bytes) -> None:
-        """Take in a record of a chunk that is not a message, or too short for one."""
+        """Add a record of a chunk that is not a message, or is too short for one."""
         if kind == _MESSAGE:
             self.flaws[f"a message of {len(data)} bytes, too short for one"] += _HEAD + len(data)
         elif kind in _IN_CHUNK:
@@ -187,7 +187,7 @@ class _Index:
             self.flaws[f"{_NAMES[kind]} within a chunk"] += _HEAD + len(data)
 
     def is_whole(self) -> bool:
-        """Whether the chunks can be read by it alone."""
+        """Whether it suffices to read the chunks."""
         if (
             self.data_crc is None
             or not self.counts
@@ -199,12 +199,12 @@ class _Index:
         return all(map(self.is_declared, named | self.channels.keys())) and not self.flaws
 
     def is_declared(self, channel: int) -> bool:
-        """Whether channel and schema (0: none) are known; what is not is a flaw of messages."""
+        """Whether channel and schema (0: none) are known. An unknown one becomes a flaw."""
         known = self.channels.get(channel)
         return known is not None and (known.schema == 0 or known.schema in self.schemas)
 
     def is_read(self, channel: int) -> bool:
-        """Whether messages of a channel can be read; a flaw where that is unknown."""
+        """Whether messages of a channel can be read. An unknown channel becomes a flaw."""
         if not self.is_declared(channel):
             self.flaws[
                 f"messages of channel {channel}, which has no schema or is not declared"
@@ -213,7 +213,7 @@ class _Index:
         return is_read_type(self.type_of(channel))
 
     def refuse_flaws(self) -> None:
-        """Raise where there are any."""
+        """Raise if the file has flaws."""
         if self.flaws:
             raise BadDataError(next(iter(self.flaws)))
 
@@ -222,7 +222,7 @@ class _Index:
 
 
 class _Fields:
-    """Takes the fields of a record one after the other."""
+    """Reads the fields of a record one after the other."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -288,7 +288,7 @@ def _whole(path: Path, file: RawFile) -> Container:
 
 
 def _is_covered(file: RawFile, index: _Index) -> bool:
-    """Whether the data are a header, the chunks of the summary and what may lie between them."""
+    """Whether the data are a header, the summary's chunks, and valid records between them."""
     end = index.summary - _DATA_END_SIZE
     places = [(chunk.position, chunk.end) for chunk in index.chunks]
     forbidden = {0, *_KNOWN} - _IN_DATA | {_CHUNK, _DATA_END}
@@ -353,7 +353,7 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
                 found.sort()
                 spans.append(_Span(chunk, len(found), found[0][0], found[len(found) - 1][0]))
             if index.data_crc:
-                checksum.up_to(chunk.position)  # what was just read need not be fetched again
+                checksum.up_to(chunk.position)  # reuses the bytes that were just read
             step(len(found))
         _check_data(index, checksum)
         return found_by_id, packed, map(recorded, _parts(spans), repeat(ids))
@@ -374,13 +374,13 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
 
 
 def _chunks_of(index: _Index, ids: Collection[int]) -> list[_Chunk]:
-    # Without message indexes, what is in a chunk shows only when it is read.
+    # Without message indexes, the content of a chunk is unknown until it is read.
     return [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
 
 
 @dataclass(frozen=True)
 class _Span:
-    """What a chunk holds of the wanted messages: how many, the times of the first and the last."""
+    """Return the number of selected messages in a chunk, and the first and last of their times."""
 
     chunk: _Chunk
     messages: int
@@ -389,9 +389,9 @@ class _Span:
 
 
 def _parts(spans: list[_Span]) -> Iterator[list[_Span]]:
-    """Divide a file, in its order, so that no part holds what is older than a part before it."""
+    """Divide a file in its order, so that no part has a message older than an earlier part."""
     firsts = [span.first for span in reversed(spans)]
-    earliest = [*accumulate(firsts, min)][::-1]  # of each and of all behind it
+    earliest = [*accumulate(firsts, min)][::-1]  # of each chunk and of all later ones
     part: list[_Span] = []
     latest = messages = 0
     for span, following in zip(spans, [*earliest, _LATEST][1:], strict=True):
@@ -410,7 +410,7 @@ def _salvaged(path: Path, file: RawFile) -> Container:
             _read_summary(file, summary)
     except (BadDataError, struct.error, UnicodeDecodeError) as error:
         gathered.lose(0, error)
-        index = _Index()  # of a damaged summary only the places of chunks are tried
+        index = _Index()  # a damaged summary is used for the positions of chunks only
     _Walk(file, index, gathered).run(summary.chunks, are_sure=index is summary)
     if not _has_end(file) and not gathered.reasons:
         gathered.lose(0, "cut short, its end is missing")
@@ -453,11 +453,11 @@ def _topics(index: _Index, counts: dict[int, int]) -> Iterator[Topic]:
 
 
 class GrowingMcap:
-    """An MCAP file that is still being written: its messages, as they come.
+    """An MCAP file that is still being written: returns new messages.
 
-    Whatever is whole is taken, once: chunks, and messages outside of chunks. Checksums of chunks
-    are checked, that of all data is not. Raises `RecordingError` where the file is damaged, is
-    not an MCAP file or shrinks; OSError.
+    It returns each complete chunk, and each message outside of chunks, once. It verifies the
+    checksums of chunks, but not that of all data. Raises `RecordingError` if the file is damaged,
+    is not an MCAP file or shrinks; OSError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -471,7 +471,7 @@ class GrowingMcap:
 
     @property
     def size(self) -> int:
-        """Bytes that were there when it was last looked at."""
+        """Size of the file at the last read."""
         return self._file.size
 
     def close(self) -> None:
@@ -479,9 +479,9 @@ class GrowingMcap:
         self._file.close()
 
     def read(self) -> Iterator[tuple[Recorded, dict[int, Source]]]:
-        """The messages that came since the last call, chunk by chunk, with their sources.
+        """Return the messages since the last call, chunk by chunk, with their sources.
 
-        `is_complete` afterwards: the file has its end, and no more will come.
+        `is_complete` is then true if the file has its end record.
         """
         with typed_errors(self.path, "a file that is still written has only whole chunks"):
             self._file.look_again()
@@ -495,7 +495,7 @@ class GrowingMcap:
                     yield unpacked(found, sources), sources
 
     def _next(self) -> int | None:
-        """Where the record ends that begins here; None: it is not all there."""
+        """Return the end of the record that begins here; None: it is incomplete."""
         head = len(_MAGIC) if self._at == 0 else _HEAD
         if self._at + head > self.size:
             return None
@@ -511,7 +511,7 @@ class GrowingMcap:
         return end if end <= self.size else None
 
     def _take(self, end: int, found: Recorded) -> None:
-        """Take in the record that lies there."""
+        """Read the record at the position."""
         if self._at == 0:
             return
         kind, size = _RECORD.unpack(self._file.read(self._at, _HEAD))
@@ -534,7 +534,7 @@ class GrowingMcap:
 
 
 def _read_summary(file: RawFile, index: _Index) -> None:
-    """Add what the summary says, if the file has one, to an empty index."""
+    """Add the summary, if the file has one, to an empty index."""
     end = file.size - _FOOTER_SIZE
     footer = _Fields(file.read(end, _FOOTER_SIZE))
     if (footer.number(1), footer.number(8)) != (_FOOTER, 20):
@@ -569,7 +569,7 @@ def _check_data(index: _Index, checksum: _Checksum) -> None:
 
 
 class _Checksum:
-    """The checksum of the file from some place on, of any size, piece by piece."""
+    """The checksum of the file from a position, computed in pieces of any size."""
 
     def __init__(self, file: RawFile, at: int = 0) -> None:
         self._file = file
@@ -577,7 +577,7 @@ class _Checksum:
         self._crc = 0
 
     def up_to(self, end: int) -> int:
-        """Go on to a place behind."""
+        """Continue to a later position."""
         while self._at < end:
             piece = self._file.read(self._at, min(_PIECE, end - self._at))
             self._crc = zlib.crc32(piece, self._crc)
@@ -586,7 +586,7 @@ class _Checksum:
 
 
 def _raw(file: RawFile, chunk: _Chunk, *, is_checked: bool = False) -> bytes | memoryview:
-    """The records of a chunk of the summary, unpacked and checked, once."""
+    """The records of a chunk of the summary, decompressed and verified once."""
     kind, size = _RECORD.unpack(file.read(chunk.position, _HEAD))
     if kind != _CHUNK:
         raise BadDataError(_no_chunk(chunk.position))
@@ -598,7 +598,7 @@ def _raw(file: RawFile, chunk: _Chunk, *, is_checked: bool = False) -> bytes | m
 
 
 def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, memoryview, int, int]:
-    """Packing, packed records, their unpacked size and checksum."""
+    """Compression, compressed records, their original size and checksum."""
     _, _, unpacked, crc = _CHUNK_HEAD.unpack_from(record)
     fields = _Fields(record)
     fields.skip(_CHUNK_HEAD.size)
@@ -621,8 +621,9 @@ def _checked(raw: bytes | memoryview, crc: int) -> bytes | memoryview:
 class _LastChunk:
     """The chunk to which the next message indexes belong.
 
-    `held` is what it gave or should have given; `is_sure`: its checksum says that this is all.
-    `indexed` are the channels whose index has come, `is_followed`: and something else behind it.
+    `held` are the messages that it has or should have; `is_sure`: its checksum proves them
+    complete. `indexed` are the channels whose index was read; `is_followed`: another record
+    followed.
     """
 
     held: Counter[int] = field(default_factory=Counter)
@@ -632,11 +633,11 @@ class _LastChunk:
 
 
 class _Walk:
-    """Goes over the records of a file, one after the other, for its messages.
+    """Scans the records of a file for messages.
 
-    Adds the schemas and channels that it finds to `index`, and what lies in the wrong place to its
-    flaws. With `strict` it raises at the first damage. Otherwise it goes on behind what is damaged,
-    where a record begins, or with the next chunk of the summary.
+    Adds schemas and channels to `index`, and misplaced records to its flaws. With `strict` it
+    raises at the first damage. Otherwise it continues at the next record after the damage, or
+    with the next chunk of the summary.
     """
 
     def __init__(
@@ -646,7 +647,7 @@ class _Walk:
         self._index = index
         self._found = found
         self._strict = strict
-        # Of a cut file all is taken for records.
+        # A cut file has no end record: all bytes count as records.
         self._end = file.size - _FOOTER_SIZE if _has_end(file) else file.size
         self._chunks: list[int] = []
         self._starts: dict[int, int] = {}
@@ -655,7 +656,7 @@ class _Walk:
         self._last = _LastChunk()
 
     def run(self, chunks: Iterable[_Chunk], *, are_sure: bool) -> None:
-        """Walk. `chunks` are those of the summary; `are_sure`: it is not damaged itself."""
+        """Scan the file. `chunks` are the summary's; `are_sure`: the summary is undamaged."""
         starts = {chunk.position: chunk.start for chunk in chunks}
         self._chunks = sorted(filter(self._has_chunk, starts))
         if are_sure:
@@ -683,7 +684,7 @@ class _Walk:
             self._note("no end of its data before its summary")
 
     def _note(self, reason: str) -> None:
-        """Damage that need not cost a record."""
+        """Report damage that does not have to lose a record."""
         if self._strict:
             raise BadDataError(reason)
         self._index.flaws[reason] += 0
@@ -693,7 +694,7 @@ class _Walk:
             self._note(_no_chunk(place))
 
     def _step(self, kind: int, at: int, size: int) -> int:
-        """Take in the record at `at`; says where to go on."""
+        """Read the record at `at`; return the next position."""
         end = at + _HEAD + size
         if kind != _MESSAGE_INDEX or at in self._missing:
             self._last.is_followed = True
@@ -712,7 +713,7 @@ class _Walk:
         return over
 
     def _check_place(self, kind: int, at: int) -> None:
-        """Note a record where the format forbids it."""
+        """Add a flaw for a record in a forbidden position."""
         if at == len(_MAGIC):
             if kind != _HEADER:
                 self._note("no header at its beginning")
@@ -721,7 +722,7 @@ class _Walk:
             self._note(f"{_NAMES[kind]} {where} the end of its data")
 
     def _gather(self, kind: int, at: int, size: int) -> None:
-        """Take in one record."""
+        """Read one record."""
         there = min(size, self._file.size - at - _HEAD)
         if kind == 0 or (there < size and (self._strict or kind != _CHUNK)):
             raise BadDataError(f"no whole record at {at}, where one of {size} bytes begins")
@@ -741,12 +742,12 @@ class _Walk:
             self._end_data(at, size)
 
     def _gather_message_index(self, record: bytes) -> None:
-        """Expect what it has and its chunk did not hold."""
+        """Expect the messages of an index that its chunk did not have."""
         fields = _Fields(record)
         id_, size = fields.number(2), fields.number(4)
         fields.skip(size)
         if self._last.is_followed and id_ in self._last.indexed:
-            self._last = _LastChunk()  # of one that is not there
+            self._last = _LastChunk()  # of a missing chunk
         self._last.indexed.add(id_)
         more = size // 16 - self._last.held[id_]
         if more > 0 and not self._last.is_sure:
@@ -761,7 +762,7 @@ class _Walk:
             self._note("a summary that does not begin behind the end of its data")
 
     def _gather_chunk(self, record: bytes, size: int) -> None:
-        """Take what can be had of a chunk; without `strict` it may be cut or damaged."""
+        """Read the messages of a chunk; without `strict` it may be cut or damaged."""
         reason: Exception | None = None
         try:
             parts = _chunk(record)
@@ -778,7 +779,7 @@ class _Walk:
                 raise
             raw, reason = unpack_the_start(packing, packed, unpacked), error
             if len(raw) == unpacked:
-                raise  # which of its bytes are wrong is unknown
+                raise  # the position of the damage is unknown
         if len(record) < size:
             reason = BadDataError(f"cut short in the middle of a chunk of {size} bytes")
         self._last.is_sure = reason is None and crc != 0
@@ -787,7 +788,7 @@ class _Walk:
             self._found.lose(unpacked - read, reason or f"a chunk breaks off at {read}")
 
     def _take(self, raw: Packed) -> int:
-        """Add the messages of a chunk; says how many bytes of it were good."""
+        """Add the messages of a chunk; return how many bytes were valid."""
         messages = _messages_in(raw, self._index.is_read, self._index.learn_in_chunk)
         before = len(self._found.messages)
         read = len(raw)
@@ -809,13 +810,13 @@ class _Walk:
         return bool(kind == _CHUNK and at + _HEAD + size <= self._end)
 
     def _within(self, at: int, end: int) -> int | None:
-        """The first chunk of the summary that begins behind `at` and before `end`."""
+        """Return the first chunk of the summary that begins after `at` and before `end`."""
         place = bisect_right(self._chunks, at)
         following = self._chunks[place : place + 1]
         return following[0] if following and following[0] < end else None
 
     def _behind(self, at: int, end: int) -> int:
-        """Where a damaged record ends, if a record begins there; else the next known chunk."""
+        """Return the end of a damaged record if a record begins there, or the next known chunk."""
         chunk = self._within(at, self._end)
         if end <= (self._end if chunk is None else chunk) and self._has_record(end):
             return end
@@ -850,7 +851,7 @@ def _add_chunk(
     wanted: Callable[[int], bool],
     learn: Callable[[int, bytes], None],
 ) -> None:
-    """Add the messages of a chunk that are wanted; other records are learned."""
+    """Add the selected messages of a chunk, and its other records."""
     broken = found.add_mcap_chunk(raw, wanted, learn)
     if broken is not None:
         at, length = broken
@@ -862,7 +863,7 @@ def _messages_in(
     wanted: Callable[[int], bool],
     learn: Callable[[int, bytes], None],
 ) -> Iterator[Payload]:
-    """The messages of a chunk that are wanted, as they lie there; other records are learned."""
+    """Return the selected messages of a chunk in its order; add its other records."""
     found = Recorded()
     try:
         _add_chunk(found, raw, wanted, learn)
