@@ -1,8 +1,8 @@
 """Incremental evaluation of expectations: batches of samples, and times, give events.
 
-Samples are columns. It has no clock. Events do not depend on the division into batches. The state of each kind of
-event is a few arrays, by number of the edge or authority. A batch costs a constant number of numpy
-calls, and one more round of them for each jump of an edge's stamps within it.
+Samples are columns. It has no clock. Events do not depend on the division into batches. The state
+of each kind of event is a few arrays, by number of the edge or authority. A batch costs a constant
+number of numpy calls, and one more round of them for each jump of an edge's stamps within it.
 """
 
 from __future__ import annotations
