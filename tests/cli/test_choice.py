@@ -102,7 +102,7 @@ def test_echo_and_change_notifier(tool: Any, bag: Path) -> None:
 def test_stores_refuse_options_of_recordings(tool: Any, bag: Path, tmp_path: Path) -> None:
     frozen = tmp_path / "all.tfdb"
     tfdb.load(bag).freeze(frozen)
-    words = "is a frozen store, read as a whole: --frame, --prefix goes with recordings"
+    words = "is a frozen store, read as a whole: --frame, --prefix is valid for recordings"
     given = ("--prefix", "r/", "--frame", "map")
     assert words in tool("tree", frozen, *given, code=2).error
     assert "is a graph, read as a whole" in tool("tree", "ros1:", "--keep", "3", code=2).error

@@ -158,7 +158,7 @@ def test_errors_as_json(tool: Tool, bag: Path) -> None:
         (("poses", "f", "a", "b", "-o", "-", "--format", "tum"), "go to stdout"),
         (("lookup", "f", "a", "b", "++2"), "'++2' is not an offset"),
         (("lookup", "f", "a", "b", "2026-13-01"), "such as 2026"),
-        (("tree", "ros1:http://localhost:1", "--rename", "map:=world"), "goes with recordings"),
+        (("tree", "ros1:http://localhost:1", "--rename", "map:=world"), "is valid for recordings"),
         (("rename", "f", "-o"), "see 'tfdb rename --help'"),
         (("completion", "tcsh"), "tcsh"),
     ],

@@ -62,8 +62,8 @@ def test_freeze_refuses_wrong_arguments(tool: Tool, drive: Path, frozen: Path) -
     assert "--overwrite replaces it" in tool("freeze", drive, code=2).error
     tool("freeze", drive, "--overwrite")
     assert "also an input" in tool("freeze", frozen, "--overwrite", code=2).error
-    assert "read alone" in tool("info", frozen, drive, code=2).error
-    assert "--topic goes with recordings" in tool("info", frozen, "--topic", "/tf", code=2).error
+    assert "cannot be combined with other files" in tool("info", frozen, drive, code=2).error
+    assert "--topic is valid for recordings" in tool("info", frozen, "--topic", "/tf", code=2).error
     assert "is valid for live stores" in tool("check", frozen, "--for", "1", code=2).error
     assert "say where to write" in tool("freeze", "shm:none", code=2).error
 
@@ -85,8 +85,8 @@ def test_commands_for_recordings_refuse_frozen_stores(
     monkeypatch.chdir(frozen.parent)
     given = [str(frozen) if each == "FROZEN" else each for each in arguments]
     said = tool(*given, code=2).error
-    assert said.startswith(f"{frozen} is a frozen store: ")
-    assert "; give the recording that it was made of; see '" in said
+    assert said.startswith(f"{frozen} is a frozen store, ")
+    assert "; give the recording that it was made from; see '" in said
 
 
 def test_the_help_lists_commands_without_frozen_stores(tool: Tool) -> None:

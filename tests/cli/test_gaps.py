@@ -187,8 +187,6 @@ def test_options_that_do_nothing_warn(
 def test_a_gap_just_over_the_limit_gets_all_its_digits(tool: Tool, tmp_path: Path) -> None:
     samples = [(t, "map", "base", "/who") for t in (0.0, 0.100003, 0.2, 0.4)]
     out = tool("gaps", record(tmp_path / "a.bag", samples), "--max-gap", "0.1").out
-    rows = [line.split("  ") for line in out.splitlines()[2:]]
-    assert [[cell.strip() for cell in row if cell][4] for row in rows] == [
-        "0.100003000 s",
-        "200 ms",
-    ]
+    first, second = out.splitlines()[2:]
+    assert " 0.100003000 s " in first
+    assert " 200 ms " in second

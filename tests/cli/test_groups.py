@@ -184,7 +184,7 @@ def test_a_trajectory_of_a_mixture_is_refused(tool: Tool, tmp_path: Path) -> Non
 def test_a_frozen_store_has_no_groups(option: str, tool: Tool, tmp_path: Path) -> None:
     store = tmp_path / "robots.tfdb"
     tfdb.load(ROBOTS, by_namespace=True).freeze(store)
-    assert f"{option} goes with recordings" in tool("info", store, option, code=2).error
+    assert f"{option} is valid for recordings" in tool("info", store, option, code=2).error
 
 
 @pytest.mark.parametrize(

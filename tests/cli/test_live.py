@@ -58,9 +58,9 @@ def test_poses_of_a_store(tool: Tool, bag: Path, served: str, tmp_path: Path) ->
 
 def test_options_of_files_are_refused(tool: Tool, bag: Path, served: str) -> None:
     assert "this command reads files only" in tool("convert", served, "x.bag", code=2).error
-    assert "read alone" in tool("info", served, bag, code=2).error
-    assert "--topic goes with recordings" in tool("info", served, "--topic", "/tf", code=2).error
-    assert "--salvage goes with recordings" in tool("check", served, "--salvage", code=2).error
+    assert "cannot be combined with other files" in tool("info", served, bag, code=2).error
+    assert "--topic is valid for recordings" in tool("info", served, "--topic", "/tf", code=2).error
+    assert "--salvage is valid for recordings" in tool("check", served, "--salvage", code=2).error
     assert "is valid for live stores" in tool("check", bag, "--for", "1", code=2).error
     assert (
         "frame 'maps' does not exist; did you mean 'map'"

@@ -135,10 +135,13 @@ def test_timelines_fold(tool: Tool, bag: Path, here: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("timeline", "--color", "speed"), "--color goes with trajectory, not with timeline"),
-        (("tree", "--max-gap", "3"), "--max-gap goes with timeline, not with tree"),
-        (("--align", "sim3"), "--align goes with compare, not with tree"),
-        (("trajectory", "a", "b", "--rows", "9"), "--rows goes with tree and timeline, not with"),
+        (("timeline", "--color", "speed"), "--color is valid with trajectory, not with timeline"),
+        (("tree", "--max-gap", "3"), "--max-gap is valid with timeline, not with tree"),
+        (("--align", "sim3"), "--align is valid with compare, not with tree"),
+        (
+            ("trajectory", "a", "b", "--rows", "9"),
+            "--rows is valid with tree and timeline, not with",
+        ),
         (("trajectory", "map"), "tfdb plot FILE trajectory TARGET SOURCE [SOURCE ...]"),
         (("trajectory",), "has 32 moving edges: name TARGET and SOURCE"),
         (("compare",), "tfdb plot FILE compare ESTIMATE"),

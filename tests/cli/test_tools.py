@@ -140,8 +140,8 @@ def test_echo_refuses_wrong_arguments(tool: Tool, bag: Path, name: str) -> None:
     store = (f"shm:{name}", "a", "b")
     assert "exclude" in tool("echo", *store, "-t", "1", "-o", "1", code=2).error
     assert "absolute" in tool("echo", *store, "-t", "+1", code=2).error
-    assert "for what is live" in tool("echo", bag, "a", "b", "--each", code=2).error
-    assert "--topic goes with recordings" in tool("echo", *store, "--topic", "/tf", code=2).error
+    assert "valid for live stores" in tool("echo", bag, "a", "b", "--each", code=2).error
+    assert "--topic is valid for recordings" in tool("echo", *store, "--topic", "/tf", code=2).error
     assert "tfdb shm ls" in tool("echo", "shm:none-such", "a", "b", code=2).error
 
 
@@ -401,7 +401,7 @@ def test_monitor_refuses_wrong_arguments(tool: Tool, bag: Path, tmp_path: Path) 
     assert "--every" in tool("monitor", bag, "--every", "0", code=2).error
     frozen = tmp_path / "x.tfdb"
     tool("freeze", bag, "-o", frozen)
-    assert "it has no arrival times" in tool("monitor", frozen, code=2).error
+    assert "which has no arrival times" in tool("monitor", frozen, code=2).error
     assert "frame 'nowhere' does not exist" in tool("monitor", bag, "map", "nowhere", code=2).error
 
 

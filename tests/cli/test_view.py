@@ -282,7 +282,7 @@ def test_a_missing_package_is_named(tool: Tool, bag: Path, monkeypatch: pytest.M
             ("shm:x", "--foxglove", "--urdf", "BAG", "--expect", "b"),
             "--urdf, --expect cannot be used with --foxglove",
         ),
-        (("shm:x", "--foxglove", "--frame", "a"), "--frame goes with recordings"),
+        (("shm:x", "--foxglove", "--frame", "a"), "--frame is valid for recordings"),
     ],
 )
 def test_wrong_input_is_refused(

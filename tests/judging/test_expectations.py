@@ -143,7 +143,7 @@ FAULTS = [
         "liveliness = 1.0",
         'liveliness = 1.0\n[[authority]]\nname = "ekf"\nliveliness = 2',
         20,
-        "join",
+        "combine them",
     ),
     ("[[authority]]", "[authority]", 17, r"write \[\[authority\]\]"),
     ("[default]", "[[default]]", 3, r"write \[default\]"),
@@ -189,11 +189,11 @@ def test_an_authority_without_a_name_is_refused(name: Any) -> None:
 
 
 def test_objects_of_other_types_are_refused() -> None:
-    with pytest.raises(TypeError, match="give Expectations"):
+    with pytest.raises(TypeError, match="must contain only Expectation, got"):
         Expectations([AuthorityExpectation("a", 1)])  # type: ignore[list-item]
     with pytest.raises(TypeError, match="severity must map"):
         Expectation(severity=["late"])  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="authority is None; give a name, or a list"):
+    with pytest.raises(TypeError, match="authority must be a name or several, got None"):
         Expectation(authority=None)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="default must be an Expectation"):
         Expectations(default={"deadline": 1})  # type: ignore[arg-type]

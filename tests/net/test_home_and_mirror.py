@@ -428,14 +428,14 @@ def test_mirrors_that_cannot_be_promoted(links: Links) -> None:
             mirror.wait_until_live()
     with (
         Mirror(tfdb.Buffer(), NAME, link, prefix="r/") as mirror,
-        pytest.raises(tfdb.InvalidArgument, match="other names"),
+        pytest.raises(tfdb.InvalidArgument, match="frame names differ"),
     ):
         mirror.promote(force=True)
     store = tfdb.Buffer()
     store.apply(source.commits_bytes(0), source="other", prefix="other/")
     with (
         Mirror(store, NAME, link) as mirror,
-        pytest.raises(tfdb.InvalidArgument, match="copy of 'other'"),
+        pytest.raises(tfdb.InvalidArgument, match="frames of source 'other'"),
     ):
         mirror.promote(force=True)
 
@@ -584,13 +584,13 @@ def test_wrong_arguments() -> None:
 
 @pytest.mark.parametrize("text", ["\ud800", "a\0", "a" * 1024])
 def test_prefixes_that_no_frame_has(text: str) -> None:
-    with pytest.raises(tfdb.errors.InvalidName, match=r"prefix: .* a name has 1 to 1024 bytes"):
+    with pytest.raises(tfdb.errors.InvalidName, match=r"prefix: .* which has 1 to 1024 bytes"):
         mirror("robot1", into=tfdb.Buffer(), prefix=text)
 
 
 @pytest.mark.parametrize("name", ["\ud800", "a\0", "a" * 1025, ""])
 def test_shared_frames_that_cannot_be(name: str) -> None:
-    with pytest.raises(tfdb.errors.InvalidName, match=r"shared: .* a name has 1 to 1024 bytes"):
+    with pytest.raises(tfdb.errors.InvalidName, match=r"shared: .* which has 1 to 1024 bytes"):
         mirror("robot1", into=tfdb.Buffer(), prefix="a/", shared=("map", name))
 
 

@@ -236,8 +236,8 @@ def test_wrong_arguments(authority: Authority, tmp_path: Path) -> None:
         ({"connect": "tcp/127.0.0.1:1"}, "connect of secure must have endpoints such as tls/"),
         ({"listen": "x"}, "listen must have endpoints such as tls/"),
         ({"allow": {"b": "read"}}, "allow needs listen"),
-        ({"listen": "tls/127.0.0.1:1", "allow": 7}, "allow is such as"),
-        ({"listen": "tls/127.0.0.1:1", "allow": {"": "read"}}, "common names"),
+        ({"listen": "tls/127.0.0.1:1", "allow": 7}, "allow must map common names"),
+        ({"listen": "tls/127.0.0.1:1", "allow": {"": "read"}}, "common name,"),
         ({"listen": "tls/127.0.0.1:1", "allow": {"b": "raed"}}, "did you mean 'read'"),
         ({"listen": "tls/127.0.0.1:1", "allow": {"b": {"x*": "read"}}}, "not a valid namespace"),
     ]

@@ -354,7 +354,7 @@ def test_rounds_with_the_recorded_stamps(recording: Path) -> None:
 def test_bad_speeds(recording: Path, speed: float) -> None:
     with (
         open_recordings(recording, Selection()) as recordings,
-        pytest.raises(errors.InvalidArgument, match="speed must be above 0"),
+        pytest.raises(errors.InvalidArgument, match="speed must be positive"),
     ):
         Player(tfdb.Buffer(), tape_of(recordings)[0], speed=speed)
 

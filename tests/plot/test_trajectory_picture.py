@@ -203,7 +203,7 @@ def test_nothing_to_draw_is_refused() -> None:
     empty = SimpleNamespace(
         target="map", source="lidar", stamps=np.arange(3), poses=np.full((3, 7), np.nan)
     )
-    with pytest.raises(tfdb.InvalidArgument, match="lidar in map holds no pose"):
+    with pytest.raises(tfdb.InvalidArgument, match="lidar in map has no valid pose"):
         plot.trajectory(path(), empty)
 
 
@@ -228,7 +228,7 @@ def test_bad_options_are_refused(options: dict[str, object], words: str) -> None
 
 @pytest.mark.parametrize("given", [None, 7, "map", np.zeros((3, 7))])
 def test_other_types_are_refused(given: object) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match=r"draw tfdb\.Trajectory"):
+    with pytest.raises(tfdb.InvalidArgument, match=r"must be a tfdb\.Trajectory"):
         plot.trajectory(given)
 
 

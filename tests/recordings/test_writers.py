@@ -222,7 +222,7 @@ def test_wrong_targets(store: tfdb.Buffer, tmp_path: Path) -> None:
         write_recording(tmp_path / "a.txt", store)
     with pytest.raises(tfdb.errors.RecordingError, match="holds no transform to write"):
         write_recording(path, tfdb.Buffer())
-    with pytest.raises(tfdb.InvalidArgument, match="not compressed"):
+    with pytest.raises(tfdb.InvalidArgument, match="cannot be compressed"):
         write_recording(tmp_path / "a.db3", store, compress=True)
     path.write_text("precious")
     with pytest.raises(tfdb.errors.RecordingError, match="exists already") as caught:

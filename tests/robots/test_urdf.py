@@ -201,7 +201,7 @@ def test_bad_states_store_nothing(state: dict[str, npt.ArrayLike], reason: str) 
 def test_bad_stamps_store_nothing() -> None:
     model = parse_urdf(ARM)
     buffer = tfdb.Buffer()
-    with pytest.raises(tfdb.InvalidArgument, match="one position wanted"):
+    with pytest.raises(tfdb.InvalidArgument, match="must be one position"):
         model.set_joint_state(buffer, 5, {"lift": [1.0, 2.0]})
     with pytest.raises(tfdb.InvalidArgument, match="do not match 3 stamps"):
         model.set_joint_states(buffer, [5, 6, 7], {"lift": [1.0, 2.0]})

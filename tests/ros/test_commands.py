@@ -100,10 +100,14 @@ def test_arguments_for_ros(ros1: str, robot: Robot) -> None:
 def test_graphs_that_are_none(ros1: str) -> None:
     assert "no ROS master answers" in tfdb_says("tree", "ros1:http://127.0.0.1:9", code=2)
     assert "is not a ROS URI" in tfdb_says("tree", "ros1:nowhere", code=2)
-    assert "is not a name" in tfdb_says("tree", "ros1:", "--node-name", "a/b", code=2)
+    assert "is not a valid ROS node name" in tfdb_says(
+        "tree", "ros1:", "--node-name", "a/b", code=2
+    )
     assert "source the setup.bash" in tfdb_says("tree", "ros2:", code=2)
-    assert "read alone" in tfdb_says("tree", "ros1:", "ros2:", code=2)
-    assert "--topic goes with recordings" in tfdb_says("check", "ros1:", "--topic", "/tf", code=2)
+    assert "cannot be combined with other files" in tfdb_says("tree", "ros1:", "ros2:", code=2)
+    assert "--topic is valid for recordings" in tfdb_says(
+        "check", "ros1:", "--topic", "/tf", code=2
+    )
     assert "reads files only" in tfdb_says("convert", "ros1:", "x.bag", code=2)
     assert "-o OUT.tfdb" in tfdb_says("freeze", "ros1:", code=2)
 

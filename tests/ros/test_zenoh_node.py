@@ -188,7 +188,7 @@ def test_names_and_arguments(router: Any) -> None:
     for arguments in (["-r", "bad"], ["--params-file", "x"], ["-r"]):
         with pytest.raises(tfdb.InvalidArgument, match="does not start"):
             node("a", "--ros-args", *arguments)
-    with pytest.raises(tfdb.errors.InvalidName, match="not a name of a node"):
+    with pytest.raises(tfdb.errors.InvalidName, match="not a valid node name"):
         node("a b")
 
 

@@ -594,7 +594,7 @@ def test_bad_rules_are_refused() -> None:
             buf.add_rule(lambda _: None, on)  # type: ignore[arg-type]
     with pytest.raises(errors.InvalidName):
         buf.add_rule(lambda _: None, "")
-    with pytest.raises(tfdb.InvalidArgument, match="compares the answers of pairs"):
+    with pytest.raises(tfdb.InvalidArgument, match="is valid for pairs only"):
         buf.add_rule(lambda _: None, "base", fires="changes")
     with pytest.raises(TypeError, match="callable"):
         buf.add_rule(3, "base")  # type: ignore[arg-type]
@@ -792,7 +792,7 @@ def _generates(_: Event) -> Any:
 
 @pytest.mark.parametrize("action", [_later, _generates])
 def test_an_action_that_would_only_begin_its_work_is_refused(action: Any) -> None:
-    with pytest.raises(TypeError, match="before it returns"):
+    with pytest.raises(TypeError, match="must be a plain function"):
         tfdb.Buffer().add_rule(action, "base")
 
 

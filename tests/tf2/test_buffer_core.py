@@ -624,7 +624,7 @@ def test_velocity() -> None:
     with pytest.raises(tf2.InvalidArgumentException):
         core.lookupVelocityCore("base", "map", time, 0)
     for bad in ((math.nan, 0, 0), (0, math.inf, 0)):
-        with pytest.raises(tf2.InvalidArgumentException, match="point whose velocity"):
+        with pytest.raises(tf2.InvalidArgumentException, match="reference point of the velocity"):
             core.lookupVelocityFullCore("base", "map", "map", bad, "base", time, interval)
 
 
