@@ -267,5 +267,5 @@ def test_huge_coordinates_are_refused() -> None:
     poses = [[1e90, 0, 0, 0, 0, 0, 1], [-1e90, 3, 0, 0, 0, 0, 1]]
     plot.trajectory(tfdb.Trajectory("map", "base", [0, 1], poses)).canvas.draw()
     poses[0][0] = 1e307
-    with pytest.raises(tfdb.InvalidArgument, match="base in map leads 1e\\+307 m away"):
+    with pytest.raises(tfdb.InvalidArgument, match="base in map reaches 1e"):
         plot.trajectory(tfdb.Trajectory("map", "base", [0, 1], poses))

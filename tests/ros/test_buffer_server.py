@@ -367,7 +367,7 @@ def test_arguments_of_the_client(node: TcprosNode, caplog: pytest.LogCaptureFixt
             tf2.BufferClient(*given, node=node, **named)
     with pytest.raises(TypeError, match="ns must be a str, got int"):
         tf2.BufferClient(ns=3, node=node)
-    with pytest.raises(TypeError, match=r"node of tfdb\.ros or of rclpy, or None, got int"):
+    with pytest.raises(TypeError, match=r"node must be of tfdb\.ros or rclpy, or None, got int"):
         tf2.BufferClient(3, "x")
     with pytest.raises(TypeError, match="the first argument is ns, a str, or a node, got 3"):
         tf2.BufferClient(3)

@@ -57,7 +57,7 @@ def test_a_lookup_listens(moving: Any) -> None:
 
 def test_graphs_that_are_none() -> None:
     assert "is not a ROS 2 domain" in tfdb_says("tree", "ros2:233", code=2)
-    assert "is not a name" in tfdb_says("tree", "ros2:", "--node-name", "a b", code=2)
+    assert "is not a valid node name" in tfdb_says("tree", "ros2:", "--node-name", "a b", code=2)
     assert "does not start" in tfdb_says("tree", "ros2:", "--ros-args", "-r", "bad", code=2)
 
 
