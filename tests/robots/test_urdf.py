@@ -212,7 +212,7 @@ def test_bad_stamps_store_nothing() -> None:
     with pytest.raises(tfdb.errors.InvalidArray):
         model.set_joint_states(buffer, np.array([1.5]), {"lift": 1.0})  # type: ignore[arg-type]
     wide = parse_urdf(WIDE.format(axis="0 0 1"))
-    with pytest.raises(tfdb.InvalidArgument, match=r"'drive' \(planar\) takes 3 number"):
+    with pytest.raises(tfdb.InvalidArgument, match=r"'drive' \(planar\) needs 3 number"):
         wide.set_joint_state(buffer, 5, {"drive": (1, 2)})
     with pytest.raises(tfdb.errors.InvalidTransform):
         wide.set_joint_state(buffer, 5, {"fly": (1, 2, 3, 0, 0, 0, 2)})

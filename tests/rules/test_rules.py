@@ -703,7 +703,7 @@ def test_a_wrong_stamp_or_policy_is_refused_and_other_rules_go_on(
     put(buf, 1.0)
     assert buf.rules.drain()
     assert fired == [1]
-    with pytest.raises(errors.InvalidArgument, match="of pairs"):
+    with pytest.raises(errors.InvalidArgument, match="valid for pairs only"):
         buf.add_rule(print, "base", initial=True)
 
 
