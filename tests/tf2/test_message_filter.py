@@ -203,7 +203,7 @@ def test_invalid_arguments_of_a_filter_are_refused() -> None:
             tf2.MessageFilter(buffer, targets, size, tolerance=tolerance)
     made = tf2.MessageFilter(buffer, "map", 1)
     wrong: list[tuple[str, Callable[[Any], object]]] = [
-        ("buffer is a tfdb.tf2.Buffer, got 5", lambda five: tf2.MessageFilter(five, "map", 1)),
+        ("buffer must be a tfdb.tf2.Buffer, got 5", lambda five: tf2.MessageFilter(five, "map", 1)),
         ("target_frame is a frame name or several, got 5", made.set_target_frames),
         ("a target frame must be a str, got int", lambda five: made.set_target_frames([five])),
         ("queue_size is a number of", lambda _: tf2.MessageFilter(buffer, "map", 0.5)),  # type: ignore[arg-type]

@@ -112,9 +112,7 @@ class Rule:
         self._at = None if at is None else to_nanoseconds(at)
         self._initial = check_flag("initial", initial)
         if isinstance(self.on[0], str) and (initial or at is not None or policy is not None):
-            raise InvalidArgument(
-                "policy, at and initial are valid for pairs only, not for frames", value=on
-            )
+            raise InvalidArgument("policy, at and initial are valid for pairs only", value=on)
         self._retries = _count_from_0("retries", retries)
         self._serial = None if serial is None else check_name("serial", serial)
         self._overlap = check_flag("overlap", overlap)
