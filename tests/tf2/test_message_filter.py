@@ -204,15 +204,15 @@ def test_invalid_arguments_of_a_filter_are_refused() -> None:
     made = tf2.MessageFilter(buffer, "map", 1)
     wrong: list[tuple[str, Callable[[Any], object]]] = [
         ("buffer must be a tfdb.tf2.Buffer, got 5", lambda five: tf2.MessageFilter(five, "map", 1)),
-        ("target_frame is a frame name or several, got 5", made.set_target_frames),
+        ("target_frame must be a frame name or several, got 5", made.set_target_frames),
         ("a target frame must be a str, got int", lambda five: made.set_target_frames([five])),
-        ("queue_size is a number of", lambda _: tf2.MessageFilter(buffer, "map", 0.5)),  # type: ignore[arg-type]
-        ("source is a filter of message_filters", made.connect_input),
-        ("message is a message with a header, got 5", made.add),
+        ("queue_size must be a number of", lambda _: tf2.MessageFilter(buffer, "map", 0.5)),  # type: ignore[arg-type]
+        ("source must be a filter of message_filters", made.connect_input),
+        ("message must be a message with a header, got 5", made.add),
         ("header.frame_id must be a str, got int", lambda five: made.add(scan(1, five))),
-        ("callback is a function, got 5", made.registerCallback),
-        ("callback is a function, got 5", made.register_callback),
-        ("callback is a function, got 5", made.register_failure_callback),
+        ("callback must be a function, got 5", made.registerCallback),
+        ("callback must be a function, got 5", made.register_callback),
+        ("callback must be a function, got 5", made.register_failure_callback),
     ]
     for said, make in wrong:
         with pytest.raises(TypeError, match=f"^{said}"):
