@@ -277,7 +277,8 @@ geometry::Pose other_pose_of(const PoseArguments& given) {
         int{is_given(given.rotation)} + int{is_given(given.rpy)} + int{is_given(given.wxyz)};
     if (rotations > 1) {
         throw_error("InvalidArgument",
-                    "give one of rotation (x, y, z, w), rpy (radians) and wxyz, not more", {});
+                    "rotation (x, y, z, w), rpy (radians) and wxyz exclude each other; pass one",
+                    {});
     }
     if (rotations == 1) {
         return {vector_of(given.translation, "translation"), rotation_of(given)};

@@ -95,7 +95,7 @@ def test_only_new_with_partial_stores_new_samples_in_one_commit(robot: tfdb.Buff
 
 
 def test_invalid_rules_are_refused(robot: tfdb.Buffer) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="has none"):
+    with pytest.raises(tfdb.InvalidArgument, match="do not have"):
         robot.set_transforms([lidar(0, 1.0)], static=True, only_new=True)
     with pytest.raises(TypeError, match="change_kind must be a bool, got int"):
         robot.set_transform(
