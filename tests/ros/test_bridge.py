@@ -539,6 +539,36 @@ def test_a_forked_child_does_not_keep_a_graph(new_store: Callable[[str], tfdb.Bu
             os.close(pipe)
 
 
+@pytest.mark.parametrize("origin", ["", "a/b", "a b", "a\n", "/a", "a/", "ros1:http://host/"])
+def test_a_name_that_no_graph_has_is_refused(origin: str) -> None:
+    from tfdb.bridge import Bridge
+    from tfdb.ros import DdsNode
+
+    need("dds")
+    with DdsNode("a", domain=ros2.own_domain(), arguments=[]) as at:
+        with pytest.raises(tfdb.errors.InvalidName, match="not a name of a graph"):
+            Bridge(tfdb.Buffer(), at, origin=origin)
+        with Bridge(tfdb.Buffer(), at, origin="ros1:http://host:11311"):
+            pass
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (("",), "the store's name '' is empty"),
+        (("a/b",), "has a slash"),
+        (("robot1", "--origin", "a/b"), "not a name of a graph"),
+        (("robot1", "--ros-args", "-p", "use_sim_time:=yes"), "must be true or false"),
+    ],
+)
+def test_bad_names_are_refused_before_the_wait_for_a_router(
+    arguments: tuple[str, ...], error: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need("zenoh")
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", overriding(free_endpoint()))
+    assert error in tfdb_says("bridge", "ros2", "--rmw", "zenoh", *arguments, code=2)
+
+
 def test_a_node_without_senders_is_refused() -> None:
     from tfdb.bridge import Bridge
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ from tfdb import tf2
 from tfdb._core import duration_to_nanoseconds
 from tfdb.data.argument_checks import check_name, refuse_without
 from tfdb.data.closable import Closable
-from tfdb.data.errors import NodeClosed
+from tfdb.data.errors import InvalidName, NodeClosed
 
 from .claim import Claim
 from .sending import BridgeStats, CommitSender
@@ -20,7 +21,21 @@ if TYPE_CHECKING:
     from tfdb._core import Buffer
     from tfdb.ros import DdsNode, Node, TcprosNode, ZenohNode
 
-__all__ = ["Bridge"]
+__all__ = ["Bridge", "check_origin"]
+
+_ORIGIN = re.compile(r"[^/\s]+(?:://[^/\s]+)?")
+"""A name, or one with a URI as ROS 1's: another `/` would end it in an authority."""
+
+
+def check_origin(origin: str) -> str:
+    """Return a graph's name. Raises InvalidName."""
+    if _ORIGIN.fullmatch(check_name("origin", origin)) is None or not origin.isprintable():
+        raise InvalidName(
+            f"{origin!r} is not a name of a graph (origin): it has no / and no space, such as"
+            " ros2+zenoh:7",
+            value=origin,
+        )
+    return origin
 
 
 class Bridge(Closable):
@@ -51,8 +66,9 @@ class Bridge(Closable):
         A node of `tfdb.ros` that reports the sender of a message: ZenohNode, DdsNode or
         TcprosNode. It stays open.
     origin
-        Name of the graph in authorities. None: that of the node, such as `ros2+zenoh:7`. Two graphs
-        with the same domain need two names, if one store has bridges to both.
+        Name of the graph in authorities, without `/` and spaces. None: that of the node, such as
+        `ros2+zenoh:7`. Two graphs with the same domain need two names, if one store has bridges to
+        both.
 
     Raises
     ------
@@ -74,7 +90,7 @@ class Bridge(Closable):
         refuse_without(
             node, "node", "a ZenohNode, DdsNode or TcprosNode of tfdb.ros", "subscribe", "graph"
         )
-        self._origin = node.graph if origin is None else check_name("origin", origin)
+        self._origin = node.graph if origin is None else check_origin(origin)
         self._node = node
         self._error: BaseException | None = None
         self._ended = threading.Event()

@@ -28,7 +28,8 @@ def _origin_option(example: str) -> Callable[[Callable[..., None]], Callable[...
     return click.option(
         "--origin",
         metavar="NAME",
-        help=f"Name of the graph in authorities.  [default: such as {example}]",
+        help="Name of the graph in authorities, without / and spaces."
+        f"  [default: such as {example}]",
     )
 
 
@@ -89,7 +90,11 @@ def ros2(
 def _bridge(
     graph: str, store: str, origin: str | None, history: int | None, *, as_json: bool
 ) -> None:
+    from tfdb.bridge.bridge import check_origin  # noqa: PLC0415 - only who joins a graph needs it
+
     name = store.removeprefix(STORE)
+    if origin is not None:
+        check_origin(origin)
     began = time.monotonic()
     with listening(graph, history=history, into=name, both_ways=True, origin=origin) as live:
         bridge: Any = live.bridge

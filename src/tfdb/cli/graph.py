@@ -23,6 +23,7 @@ import click
 import tfdb
 from tfdb.data.time_text import format_duration
 from tfdb.store.given_clock import given_clock
+from tfdb.store.shared import path_of
 
 from . import output
 from .times import NS, duration_option
@@ -252,6 +253,8 @@ def listening(
 
     _show_log()
     seconds = None if history is None else max(history, 1) / NS
+    if into is not None:
+        path_of(into)  # a name that no store can have is refused before the wait
     with ExitStack() as stack:
         node, ended = stack.enter_context(open_graph(name, waits=both_ways))
         if into is None:
