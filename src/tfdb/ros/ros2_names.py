@@ -137,6 +137,8 @@ class _Arguments:
                 elif argument in {"-r", "--remap"}:
                     self.remapped[key] = value
                 elif key == "use_sim_time":
+                    if value.lower() not in {"true", "false"}:
+                        self._refuse(f"use_sim_time must be true or false, got {value!r}")
                     self.use_sim_time = value.lower() == "true"
             elif ours:
                 self._refuse(f"{argument} needs rclpy; known are -r and -p")
