@@ -161,7 +161,7 @@ TFDB_TEST(error_policies_say_what_they_found_and_what_they_allow) {
         buffer.lookup_transform("map", "base", between, {PolicyKind::kInterpolate, kSecond / 2}));
     CHECK(gap && gap->detail().edge == "base" && gap->detail().limit == kSecond / 2);
     CHECK(gap && gap->detail().before == 12 * kSecond / 10 && gap->detail().after == 2 * kSecond);
-    CHECK(gap && says(*gap, "no sample for 0.800000000 s") && says(*gap, "max_gap"));
+    CHECK(gap && says(*gap, "a gap of 0.800000000 s") && says(*gap, "max_gap"));
     const auto stale = THROWN(
         Stale,
         buffer.lookup_transform("map", "base", between, {PolicyKind::kPrevious, kSecond / 10}));
