@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from tfdb.data.lazy_names import belong_to
 from tfdb.ros import msgs
 
-# Clouds and geometry register what they transform.
+# Clouds and geometry register their transform functions.
 from . import clouds, geometry
 from .buffer import Buffer
 from .buffer_client import BufferClient
@@ -94,12 +94,12 @@ _MODULES = ("differences", "tf1")
 
 belong_to(__name__, globals(), __all__)
 
-if not TYPE_CHECKING:  # or every name would be there for type checkers
+if not TYPE_CHECKING:  # otherwise every name would exist for type checkers
 
     def __getattr__(name: str) -> Any:
         if name in _MODULES:
             return import_module(f"{__name__}.{name}")
-        # What tf2_ros takes from other packages, such as Duration and TFMessage.
+        # Names that tf2_ros imports from other packages, such as Duration and TFMessage.
         if name.startswith("__"):
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return find_export(name)

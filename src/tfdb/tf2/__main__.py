@@ -1,4 +1,4 @@
-"""`python -m tfdb.tf2 [-m MODULE | PROGRAM] [ARGUMENTS]`: run a program of tf2's on tfdb."""
+"""`python -m tfdb.tf2 [-m MODULE | PROGRAM] [ARGUMENTS]`: run a tf2 program on tfdb."""
 
 from __future__ import annotations
 

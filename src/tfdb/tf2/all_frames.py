@@ -1,4 +1,4 @@
-"""The tree as text, in tf2's forms."""
+"""The tree as text, in tf2's formats."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ if TYPE_CHECKING:
     from tfdb.data.types import FrameInfo
     from tfdb.ros.times import Flavor
 
-# What YAML takes as a key as it stands, and does not take for a number or a word of its own.
+# Valid YAML keys without quotes, which YAML does not read as a number or a keyword.
 PLAIN = re.compile(r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z_][\w./-]*", re.I)
-# What YAML takes for a line's end, or not at all; DOT ends at the first of them.
+# Line ends and invalid characters of YAML; DOT ends at the first of them.
 ESCAPED = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]")
 LONGEST_KEY = 1000  # characters; YAML allows a little more before the colon of a line
 SHORTEST = 0.0001  # s; so that one sample has a rate, too
 
 
 def _escape(found: re.Match[str]) -> str:
-    """Write one character as YAML does between double quotes."""
+    """Escape one character for a double-quoted YAML string."""
     code = ord(found[0])
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
 
 
 def quoted(name: str) -> str:
-    """Write a name as a string of YAML."""
+    """Write a name as a YAML string."""
     if ESCAPED.search(name) is None:
         return "'" + name.replace("'", "''") + "'"
     return '"' + ESCAPED.sub(_escape, name.replace("\\", "\\\\").replace('"', '\\"')) + '"'
@@ -41,13 +41,13 @@ def in_dot(*lines: str) -> str:
 
 
 def in_seconds(stamp: int, digits: int) -> str:
-    """Write a stamp as tf2's listings do: from a float, which decides how a half is rounded."""
+    """Write a stamp as in tf2's listings: from a float, so that halves are rounded as there."""
     whole, rest = divmod(stamp, SECOND)
     return f"{whole + 1e-9 * rest:.{digits}f}"
 
 
 def length_and_rate(info: FrameInfo) -> tuple[float, float]:
-    """Seconds that an edge's samples span, and how many there are in one."""
+    """Return the span of an edge's samples in seconds, and their rate."""
     length = ((info.newest or 0) - (info.oldest or 0)) / 1e9
     return length, info.samples / max(length, SHORTEST)
 
@@ -85,7 +85,7 @@ def as_string(tree: Iterable[FrameInfo]) -> str:
 
 
 def as_dot(tree: Sequence[FrameInfo], now: int | None) -> str:
-    """All edges as a graph; with `now`, how old each is, and a legend."""
+    """All edges as a DOT graph; with `now`, also the age of each edge and a legend."""
     if not any(info.parent is not None for info in tree):
         return 'digraph G {\n"no tf data recieved"}'
     parts = ["digraph G {\n"]

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Buffer"]
 
-# What a later transform may put right.
+# Errors that a later transform may resolve.
 NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
 
 
@@ -107,7 +107,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         self._requests = TransformableRequests(self)
         self._service = offer_frame_graph(self, node) if debug and node is not None else None
         if self._service is not None and self._service.native is not None:
-            # As tf2 names it in either ROS.
+            # tf2's name in ROS 1 and ROS 2.
             name = "frame_server" if node.flavor == "ros1" else "srv"
             setattr(self, name, self._service.native)
 
@@ -143,7 +143,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         fixed_frame: str,
         timeout: Any = None,
     ) -> Any:
-        """T[target_frame at target_time <- source_frame at source_time], once it is there.
+        """T[target_frame at target_time <- source_frame at source_time], as soon as it exists.
 
         `fixed_frame` does not move between the times. Otherwise as `lookup_transform`.
         """
@@ -174,7 +174,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         timeout: Any = None,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Whether `lookup_transform_full` has an answer, or has one in time."""
+        """Whether `lookup_transform_full` succeeds within the timeout."""
         limit = self._limit(timeout)
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
         found = self._wait_until_possible(
@@ -207,7 +207,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     def wait_for_transform_async(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
-        """Return a future, which is done when `lookup_transform` has an answer.
+        """Return a future that is done when `lookup_transform` succeeds.
 
         Its result is the transform. The thread that stores the transform completes it, so it is
         done when `set_transform` returns. Cancelling it ends the wait. With a `timeout`,
@@ -265,7 +265,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         source_frame: str,
         time: Any,
     ) -> int:
-        """Call a function once a transform is available, or can no longer come.
+        """Call a function once a transform is available, or can no longer become available.
 
         Parameters
         ----------
@@ -300,7 +300,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
             self._service.close()
         self.buffer.close()
 
-    # How all of them wait
+    # The common parts of waits
 
     def _limit(self, timeout: Any) -> int:
         """Nanoseconds of a timeout."""
@@ -315,7 +315,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     def _wait_for_answer(
         self, ask: Callable[[], Any], question: Question | Full, limit: int | None
     ) -> Any:
-        """Ask until there is an answer; its error once the limit, in nanoseconds, is over."""
+        """Repeat a lookup until it succeeds; raise its error after the limit, in nanoseconds."""
         deadline = None if limit is None else self._deadline(limit)
         while True:
             try:
@@ -330,7 +330,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     def _wait_until_possible(
         self, ask: Callable[[], tuple[int, str]], question: Question | Full, limit: int
     ) -> tuple[int, str]:
-        """Ask until the answer is yes or the limit is over."""
+        """Repeat a check until it is true or the limit is over."""
         found = ask()
         if limit <= 0 or not _is_possible(question):
             return found
@@ -342,7 +342,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         return found
 
     def _block(self, question: Question | Full, deadline: Deadline | None) -> bool:
-        """Wait until a question has an answer; False: the deadline came before."""
+        """Wait until a lookup can succeed; False: the deadline passed."""
         left = None if deadline is None else deadline.left()
         if left == 0:
             return False
@@ -379,7 +379,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         tell: Callable[[waiting.End], None],
         loop: Any = None,
     ) -> waiting.Wait | None:
-        """Begin a wait for an answer; None: it is there."""
+        """Begin a wait for a lookup; None: it succeeds already."""
         store = self.buffer
         if len(question) == 3:
             target, source, stamp = question
@@ -403,9 +403,9 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         tell: Callable[[TransformableResult | None], None],
         hold: Callable[[waiting.Wait], None],
     ) -> TransformableResult | None:
-        """Begin waits for a transform to be there, or out of the cache; how it is already.
+        """Begin waits until a transform is available or out of the cache; return the current state.
 
-        `hold` gets each wait. `tell` gets how it has come, or None: the buffer was closed.
+        `hold` gets each wait. `tell` gets the final state, or None if the buffer was closed.
         """
         available, failure = TransformableResult
         store = self.buffer
@@ -418,7 +418,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
             return available
         hold(there)
         if store.history is None or not 0 < stamp <= LAST_STAMP:
-            return None  # it stays in the cache for ever
+            return None  # it stays in the cache forever
         gone_at = min(stamp + round(store.history * SECOND) + 1, LAST_STAMP)
         gone = waiting.begin(
             store, lambda: store._begin_wait_as_new(*frames, gone_at), told(failure)
@@ -429,9 +429,9 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         return None
 
     def _future(self, question: Question | Full, ask: Callable[[], Any], timeout: Any) -> Any:
-        """Make a future of the answer to a question, which `ask` gives or raises."""
+        """Make a future of a lookup's result, which `ask` returns or raises."""
         limit = None if timeout is None else self._limit(timeout)
-        held: list[Any] = []  # the wait, and what ends it in time
+        held: list[Any] = []  # the wait, and its timer
 
         def release() -> None:
             for one in held:
@@ -461,7 +461,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         held.append(wait)
         if limit is not None:
             held.append(self._timer(question, ask, limit, future, loop, wait))
-            if future.done():  # it has been told before the timer was there to cancel
+            if future.done():  # it ended before the timer existed
                 release()
         return future
 
@@ -474,7 +474,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         loop: Any,
         wait: waiting.Wait,
     ) -> Any:
-        """Let a future raise TimeoutException after so many nanoseconds."""
+        """Let a future raise TimeoutException after that many nanoseconds."""
         began = monotonic_ns()
 
         def called() -> None:
@@ -493,7 +493,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     def _late(
         self, question: Question | Full, limit: int | None, began: int, why: Exception
     ) -> TimeoutException:
-        """Make the error of a wait that ended without an answer; `why` is the last lookup's."""
+        """Make the error of a wait without a result; `why` is the last lookup's error."""
         stopped = self.clock is not None and self.clock.closed
         waited = waiting.how_long(monotonic_ns() - began, stopped=stopped)
         target = question[0]
@@ -507,7 +507,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
 
 
 async def _ended(future: Any) -> Any:
-    """Give a future's result; where the coroutine ends before, so does what it waits for."""
+    """Return a future's result; if the coroutine ends first, the future is cancelled."""
     try:
         return await future
     finally:
@@ -515,7 +515,7 @@ async def _ended(future: Any) -> Any:
 
 
 def _is_possible(question: Question | Full) -> bool:
-    """Whether its stamps and names are such that there may be an answer some time."""
+    """Whether its stamps and names are valid, so that it can succeed later."""
     for part in question:
         if isinstance(part, int):
             if not 0 <= part <= LAST_STAMP:

@@ -29,7 +29,7 @@ __all__ = ["BufferClient"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
 PADDING = 2 * SECOND
-LOOK_AGAIN = 0.01  # seconds between two looks at who is connected, as actionlib's
+LOOK_AGAIN = 0.01  # seconds between two checks of connections, as in actionlib
 WRONG = "Something is likely wrong with the server."
 LATE = (
     "The LookupTransform goal sent to the BufferServer did not come back in the specified time. "
@@ -164,7 +164,7 @@ class BufferClient(BufferInterface):
         timeout: Any = None,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Whether `lookup_transform` has an answer.
+        """Whether `lookup_transform` succeeds.
 
         `return_debug_tuple`: return (whether, why not).
         """
@@ -184,7 +184,7 @@ class BufferClient(BufferInterface):
         timeout: Any = None,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Whether `lookup_transform_full` has an answer."""
+        """Whether `lookup_transform_full` succeeds."""
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
         try:
             self.lookup_transform_full(*asked, timeout)
@@ -257,7 +257,7 @@ def _arguments(given: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:
 
 
 def _transform_of(result: LookupResult | None) -> Any:
-    """Transform of a result, or its error raised."""
+    """Return the transform of a result, or raise its error."""
     if result is None:
         raise TimeoutException(NOT_SUCCEEDED)
     if result.error != NO_ERROR:

@@ -47,7 +47,7 @@ Velocity = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def _by_role(target: str, source: str, fixed: str | None = None) -> dict[str, str]:
-    """Frame names by tf2's words for their roles, in the order of the checks."""
+    """Frame names by their role in tf2, in the order of the checks."""
     names = {"target_frame": target, "source_frame": source}
     if fixed is not None:
         names["fixed_frame"] = fixed
@@ -115,11 +115,11 @@ class BufferCore(CoreCalls):
 
     @property
     def flavor(self) -> Flavor:
-        """The rules and texts to follow, as passed or as found up to now."""
+        """The flavor of rules and texts, passed or detected."""
         return self._flavor or installed() or "ros2"
 
     def _nanoseconds(self, time: Any) -> int:
-        """Nanoseconds of a time argument, which sets a flavor that is still unknown."""
+        """Return the nanoseconds of a time argument; its type sets an unknown flavor."""
         if not self._flavor_known:
             self._set_flavor(self._flavor or flavor_of(time))
         return nanoseconds(time, self._flavor)
@@ -150,7 +150,7 @@ class BufferCore(CoreCalls):
         self._answer_by(
             self._buffer,
             makers(self.flavor)[0],
-            # Of another class it would tell the flavor.
+            # A time of another class would determine the flavor.
             None if self._flavor_known else msgs.Time,
             change_kind=self.flavor == "ros2",
             only_new=self.flavor == "ros1",
@@ -159,7 +159,7 @@ class BufferCore(CoreCalls):
     # Writes
 
     def _set_transform(self, transform: Any, authority: str) -> None:
-        """`set_transform`, whatever is given."""
+        """`set_transform` for all arguments."""
         self._set(transform, authority, static=False)
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
@@ -207,7 +207,7 @@ class BufferCore(CoreCalls):
         return True
 
     def _store_ros1(self, write: refusals.Write, *, static: bool) -> None:
-        """Store it: a frame stays of the kind that it first was, a stamp keeps its first value."""
+        """Store it by ROS 1's rules: a frame keeps its first kind, and a stamp its first value."""
         buffer, parent, child = self._buffer, write.parent, write.child
         pose, authority = (write.translation, write.rotation), write.authority
         if static and not self._was_cleared(child):
@@ -225,11 +225,11 @@ class BufferCore(CoreCalls):
             buffer.set_static_transform(parent, child, *pose, authority=authority)
 
     def _was_cleared(self, frame: str) -> bool:
-        """Whether a frame moved, and has no samples since it was cleared."""
+        """Whether a frame is moving and has been cleared, without samples since."""
         return self._buffer.frame_exists(frame) and self._buffer.frame_info(frame).cleared
 
     def _store_ros2(self, write: refusals.Write, *, static: bool) -> None:
-        """Store it: a frame becomes of the kind that is written, a stamp has its last value."""
+        """Store it by ROS 2's rules: a frame gets the new kind, and a stamp its last value."""
         parent, child, pose = write.parent, write.child, (write.translation, write.rotation)
         buffer, authority = self._buffer, write.authority
         if static:
@@ -397,7 +397,7 @@ class BufferCore(CoreCalls):
             with self._buffer.snapshot() as snapshot:
                 self._check_names(snapshot, names, "lookupVelocity", error)
                 if isinstance(error, Extrapolation) and error.oldest == error.newest == error.stamp:
-                    # The one sample is there, and no other in the interval.
+                    # Only one sample is in the interval.
                     start = max(0, (error.stamp or 0) - round(span * SECOND))
                     gap = Gap(error.edge or "", start, error.oldest, error.newest)
                     asked = (frames[1], frames[0], start)
@@ -442,14 +442,14 @@ class BufferCore(CoreCalls):
             for half in halves:
                 found, _ = self._answer_in(snapshot, half, None)
                 for frame in frames_passed(found):
-                    # Up to the fixed frame and down the same way again.
+                    # Up to the fixed frame and down the same path.
                     if frame in passed:
                         del passed[passed.index(frame) :]
                     passed.append(frame)
         return passed
 
     def _frameExists(self, frame_id: str) -> bool:  # noqa: N802 - tf2's name
-        """Whether there is a frame of that name."""
+        """Whether a frame of that name exists."""
         return self._buffer.frame_exists(check_name("frame_id", frame_id))
 
     def _getFrameStrings(self) -> list[str]:  # noqa: N802 - tf2's name
@@ -482,7 +482,7 @@ class BufferCore(CoreCalls):
         return 1, ""
 
     def _failure_in(self, snapshot: Snapshot, question: Question) -> str | None:
-        """Word as tf2 does why a lookup fails, mostly without an exception; None: it succeeds."""
+        """Return tf2's text for a failing lookup; None: it succeeds. Mostly without exceptions."""
         target, source, stamp = question
         if 0 <= stamp <= LAST_STAMP and snapshot.can_transform(target, source, stamp or None):
             return None
@@ -510,7 +510,7 @@ class BufferCore(CoreCalls):
         target, source, stamp = question
         if not 0 <= stamp <= LAST_STAMP:
             if lookup_failure(snapshot, target, source, stamp) is None:
-                # Nothing moves on the path.
+                # The path has static edges only.
                 return snapshot.lookup_transform(target, source), stamp
             self._raise(snapshot, question, error or InvalidArgument(stamp=stamp))
         try:
@@ -545,7 +545,7 @@ class BufferCore(CoreCalls):
         raise with_fields_of(error, LookupException, text, frame=name) from cause
 
     def _raise(self, snapshot: Snapshot, question: Question, cause: TfdbError) -> NoReturn:
-        """Raise tf2's error for a question about frames that exist."""
+        """Raise tf2's error for a lookup of existing frames."""
         target, source, stamp = question
         failure = lookup_failure(snapshot, target, source, stamp)
         if failure is None:
@@ -555,7 +555,7 @@ class BufferCore(CoreCalls):
     def _refused(
         self, failure: Gap | TwoTrees, question: Question, cause: TfdbError
     ) -> TransformException:
-        """Make tf2's error for a question without an answer."""
+        """Make tf2's error for a failed lookup."""
         target, source, _ = question
         if isinstance(failure, Gap):
             return refusals.extrapolation(failure, self.flavor, target, source, cause)

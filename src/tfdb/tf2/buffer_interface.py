@@ -77,7 +77,7 @@ class TransformRegistration:
         """Let `callback(object, transform)` transform objects of a type.
 
         `key` is a class, or the name of a message such as `geometry_msgs/PointStamped`, which
-        stands for the classes of that name of either ROS, and ours.
+        stands for the classes of that name in ROS 1, ROS 2 and tfdb.
         """
         self._functions[key] = _callable(callback)
 

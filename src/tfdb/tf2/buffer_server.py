@@ -25,7 +25,7 @@ __all__ = ["BufferServer"]
 
 
 class BufferServer(Closable):
-    """Answers the goals of `BufferClient`s, ours and tf2's, from a buffer.
+    """Answers the goals of `BufferClient`s of tfdb and of tf2, from a buffer.
 
     A goal with an available transform is answered at once. Another goal waits up to its timeout for
     the commit of the transform, without polling. An error has tf2's code and text.
@@ -88,7 +88,7 @@ class BufferServer(Closable):
             self._transport.close()
 
     def _begin(self, goal: Goal) -> None:
-        """Answer a goal, now or once its transform is there."""
+        """Answer a goal, now or once its transform is available."""
         question = goal.question
         try:
             found = LookupResult(self._look_up(question))

@@ -44,9 +44,9 @@ UNITS = {"s": SECOND, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
 
 class _Points:
-    """The points of a cloud in bytes of its own: its fields as arrays (height, width).
+    """A copy of a cloud's points: its fields as arrays (height, width).
 
-    Raises InvalidArgumentException for a cloud that is not what its header says.
+    Raises InvalidArgumentException for a cloud that contradicts its header.
     """
 
     def __init__(self, cloud: Any) -> None:
@@ -58,7 +58,7 @@ class _Points:
         self.count = cloud.height * cloud.width
         self.steps = (cloud.row_step, cloud.point_step)
         self.order = ">" if cloud.is_bigendian else "<"
-        # Padding may be fields of one name, such as `_`.
+        # Padding fields may share a name, such as `_`.
         self.fields = {field.name: field for field in cloud.fields}
         missing = [name for name in PLACE if name not in self.fields]
         if missing:
@@ -71,7 +71,7 @@ class _Points:
         self.normals = [self.floats(names) for names in NORMALS if all(map(self.is_float, names))]
 
     def check_size(self) -> None:
-        """Raise unless the bytes hold the points."""
+        """Raise if the bytes are too few for the points."""
         (height, width), (row_step, point_step) = self.shape, self.steps
         row = width * point_step
         needed = (height - 1) * row_step + row if self.count else 0
@@ -86,11 +86,11 @@ class _Points:
         raise InvalidArgumentException(text, value=self.shape)
 
     def is_float(self, name: str) -> bool:
-        """Whether there is a field of that name that holds floating point numbers."""
+        """Whether a field of that name exists and has floating-point numbers."""
         return name in self.fields and NUMBERS.get(self.fields[name].datatype) in {"f4", "f8"}
 
     def numbers(self, name: str) -> npt.NDArray[Any]:
-        """The numbers of a field where they lie, (height, width)."""
+        """A view of a field's numbers, (height, width)."""
         import numpy as np
 
         field = self.fields.get(name)
@@ -115,7 +115,7 @@ class _Points:
         return np.ndarray(self.shape, kind, self.data, field.offset, self.steps)
 
     def floats(self, names: tuple[str, ...]) -> list[npt.NDArray[Any]]:
-        """The numbers of three fields that hold floating point numbers, and not the same ones."""
+        """Views of three different fields of floating-point numbers."""
         for name in names:
             if not self.is_float(name):
                 kind = self.fields[name].datatype
@@ -302,7 +302,7 @@ def _check_word(name: str, value: object, words: Collection[str]) -> None:
 def _stamps(
     points: _Points, name: str, unit: str | None, since: str, wanted: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.int64]:
-    """Each point's stamp, (N,) nanoseconds; where it is not wanted, that of one that is."""
+    """Each point's stamp, (N,) nanoseconds; an unused point has that of a used one."""
     import numpy as np
 
     _check_word("since", since, ("header", "epoch"))
@@ -329,7 +329,7 @@ def _stamps(
 
 
 def _within(stamps: npt.NDArray[np.int64], name: str, since: str) -> npt.NDArray[np.int64]:
-    """Return the stamps; raise where they count from another moment than was said."""
+    """Return the stamps; raise if they count from another time than the argument states."""
     late = stamps > MAX_STAMP
     if since == "header" and late.any():
         index = int(late.argmax())

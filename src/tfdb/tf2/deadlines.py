@@ -1,4 +1,4 @@
-"""Until when something is waited for: by the system's clock, a node's simulated one, its end."""
+"""Deadlines of waits: by the system's clock, a node's simulated clock, and the node's end."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class Timer(Protocol):
     """A pending call of a deadline."""
 
     def cancel(self) -> None:
-        """Call no more."""
+        """Cancel the call."""
 
 
 class Deadline(Protocol):
     """A time on some clock. Any thread may call it."""
 
     def left(self) -> int | None:
-        """Nanoseconds until then, 0 if it has passed; None: by the clock only."""
+        """Nanoseconds left, 0 if it has passed; None: only the clock decides."""
 
     def call(self, called: Callable[[], None]) -> Timer:
-        """Call once, in another thread, when it has come."""
+        """Call a function once, in another thread, at the deadline."""
 
 
 class _ClockTimer:
@@ -48,12 +48,12 @@ class _ClockTimer:
         self._watch = watch
 
     def cancel(self) -> None:
-        """Call no more."""
+        """Cancel the call."""
         self._watch.close()
 
 
 class _WallDeadline:
-    """By the system's steady clock."""
+    """A deadline by the system's steady clock."""
 
     def __init__(self, limit: int) -> None:
         self._until = time.monotonic_ns() + limit
@@ -66,7 +66,7 @@ class _WallDeadline:
 
 
 class _SimulatedDeadline:
-    """By a node's simulated clock, which may stand still, jump, and end with the node."""
+    """A deadline by a node's simulated clock, which may pause, jump, and end with the node."""
 
     def __init__(self, node: Node, limit: int) -> None:
         self._node = node
@@ -92,7 +92,7 @@ class _SimulatedDeadline:
 
 
 def stop_with(node: Node, buffer: Buffer) -> None:
-    """End the waits on a buffer, and those to come, once a node ends: by timeout, or by a signal.
+    """End current and later waits on a buffer once a node ends, or a signal ends it.
 
     They end as by a timeout.
     """
@@ -111,10 +111,10 @@ def stop_with(node: Node, buffer: Buffer) -> None:
     if is_first:
         node.on_clock(stop)
     else:
-        stop(0)  # it may have ended
+        stop(0)  # the node may have ended
 
 
-# A signal's handler may come here amid another call.
+# A signal handler may call this during another call.
 _stopping = threading.RLock()
 _buffers: weakref.WeakKeyDictionary[Node, weakref.WeakSet[Buffer]] = weakref.WeakKeyDictionary()
 

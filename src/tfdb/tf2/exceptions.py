@@ -1,6 +1,6 @@
-"""tf2's exceptions: each is also the error of tfdb beneath, with its fields.
+"""tf2's exceptions: each is also an error of tfdb, with its fields.
 
-The text is tf2's; `__cause__` is tfdb's error, whose text says more.
+The text is tf2's; `__cause__` is tfdb's error, whose text has more details.
 """
 
 # ruff: noqa: N818  (tf2's names)
@@ -69,7 +69,7 @@ class TimeoutException(TransformException, WaitTimeout):
 def with_fields_of(
     error: TfdbError, kind: type[TransformException], text: str, **fields: object
 ) -> TransformException:
-    """Make an exception of tf2 out of tfdb's error; `fields` count before those of the error."""
+    """Make an exception of tf2 from tfdb's error; `fields` override the error's fields."""
     known = TfdbError.__annotations__
     kept = {name: value for name, value in vars(error).items() if name in known}
     return kind(text, **{**kept, **fields})

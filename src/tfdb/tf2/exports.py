@@ -1,4 +1,4 @@
-"""What each module of tf2's packages exports, as the import statements of the real one.
+"""The exports of each module of tf2's packages, as import statements.
 
 `install()` makes modules of these statements. `tests/tf2/test_exports.py` compares them with the
 real packages. A name is missing where the package that it comes from is not installed.
@@ -269,9 +269,9 @@ def statements_of(flavor: Flavor) -> dict[str, str]:
 
 
 def import_all(statements: str) -> tuple[dict[str, Any], dict[str, str]]:
-    """Execute import statements; return the objects by name, and why each other name is missing.
+    """Execute import statements; return the objects by name, and the reason of each missing name.
 
-    Raises ImportError where a module cannot be imported of which all names are taken.
+    Raises ImportError for a failed `from module import *`.
     """
     found: dict[str, Any] = {}
     missing: dict[str, str] = {}

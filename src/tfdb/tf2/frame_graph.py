@@ -1,4 +1,4 @@
-"""The service `tf2_frames`: the tree as YAML, for view_frames and its kin."""
+"""The service `tf2_frames`: the tree as YAML, for view_frames and similar tools."""
 
 from __future__ import annotations
 

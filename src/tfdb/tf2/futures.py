@@ -1,4 +1,4 @@
-"""Futures: rclpy's where a program runs rclpy, else those of asyncio or of threads."""
+"""Futures: rclpy's if the program uses rclpy, otherwise those of asyncio or threads."""
 
 # ruff: noqa: PLC0415  (rclpy is loaded by programs that use it)
 
@@ -47,7 +47,7 @@ def _end_in(loop: asyncio.AbstractEventLoop, future: Any) -> Generator[Any, None
     ended = loop.create_future()
 
     def tell(_: Any) -> None:
-        with suppress(RuntimeError):  # a closed loop has no waiter any more
+        with suppress(RuntimeError):  # a closed loop has no waiting coroutine
             loop.call_soon_threadsafe(complete, ended, None)
 
     future.add_done_callback(tell)
@@ -97,7 +97,7 @@ class _ThreadsFuture(_Awaited, concurrent.futures.Future[Any]):
 
 
 class _LoopFuture(asyncio.Future[Any]):
-    """A future of a running loop of asyncio, which alone may complete or cancel it."""
+    """A future of a running asyncio loop; only that loop may complete or cancel it."""
 
     def __init__(self, cancelled: Callable[[], None]) -> None:
         super().__init__()
@@ -116,7 +116,7 @@ def _rclpys_future(base: Any) -> Any:
     """Make the subclass of `rclpy.task.Future` that ends its wait."""
 
     class RclpyFuture(_Awaited, base):  # type: ignore[misc]
-        """A future of rclpy. Any thread may complete or cancel it; the first to do so wins."""
+        """A future of rclpy. Any thread may complete or cancel it; the first call counts."""
 
         def __init__(self, cancelled: Callable[[], None]) -> None:
             super().__init__()
@@ -124,7 +124,7 @@ def _rclpys_future(base: Any) -> Any:
             self._end = threading.Lock()
 
         def _is_first(self) -> bool:
-            """Whether the caller is the one that ends it."""
+            """Whether the caller is the first to end it."""
             return not self.done() and self._end.acquire(blocking=False)
 
         def complete(self, result: Any) -> None:
@@ -143,12 +143,12 @@ def _rclpys_future(base: Any) -> Any:
 
 
 def _rclpys() -> Any:
-    """Class of futures of the rclpy that the program uses; None: it uses none."""
+    """The future class of the rclpy that the program uses; None: it does not use rclpy."""
     if "rclpy" not in sys.modules:
         return None
     try:
         from rclpy.task import Future
-    except ImportError:  # what `tfdb.tf2.install` gives without ROS
+    except ImportError:  # the module of `tfdb.tf2.install` without ROS
         return None
     return _rclpys_future(Future)
 
@@ -156,9 +156,9 @@ def _rclpys() -> Any:
 def future_of_caller(
     node: Node | None, cancelled: Callable[[], None], *, ros2: bool
 ) -> tuple[Any, asyncio.AbstractEventLoop | None]:
-    """Return a future, and the loop that it is to be completed in; None: any thread may.
+    """Return a future, and the loop that must complete it; None: any thread may.
 
-    `cancelled` is called when somebody cancels it. `ros2`: whether rclpy's is wanted.
+    `cancelled` is called when it is cancelled. `ros2`: use rclpy's future.
     """
     kind = _rclpys() if ros2 else None
     if kind is None:
