@@ -11,7 +11,7 @@ Vector = npt.NDArray[np.float64]
 
 
 def quaternion(axis: tuple[float, float, float], angle: float) -> tuple[float, ...]:
-    """x y z w of a rotation by `angle` radians about an axis of any length."""
+    """Quaternion x y z w of a rotation by `angle` radians about an axis of any length."""
     unit = np.asarray(axis, float) / np.linalg.norm(axis)
     return (*map(float, unit * np.sin(angle / 2)), float(np.cos(angle / 2)))
 
@@ -34,7 +34,7 @@ def matrix(pose: npt.ArrayLike) -> Vector:
 
 
 def interpolate(first: npt.ArrayLike, second: npt.ArrayLike, u: float) -> Vector:
-    """Linear translation, slerp the shorter way round."""
+    """Linear translation, and slerp along the shorter arc."""
     a, b = np.asarray(first, float), np.asarray(second, float)
     p, q = a[3:], b[3:]
     if p @ q < 0:
@@ -48,7 +48,7 @@ def interpolate(first: npt.ArrayLike, second: npt.ArrayLike, u: float) -> Vector
 
 
 def wobble(seed: int, time: float) -> Vector:
-    """A pose that turns and moves smoothly: another one for each seed."""
+    """A pose that rotates and moves smoothly; each seed gives another motion."""
     phase = 0.7 * seed
     axis = (np.sin(phase + 0.3), np.cos(2 * phase), np.sin(3 * phase) + 1.5)
     rotation = quaternion(axis, 0.4 + 0.3 * seed + 0.8 * np.sin(time + phase))

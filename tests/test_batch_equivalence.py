@@ -47,7 +47,7 @@ def single(
 
 
 def same_bits(found: npt.ArrayLike, expected: npt.ArrayLike) -> None:
-    """Every bit, but that not a number is not a number."""
+    """Equal bit for bit, except that all NaNs are equal."""
     a, b = np.asarray(found, float), np.asarray(expected, float)
     assert a.shape == b.shape
     either = np.isnan(a) & np.isnan(b)
@@ -61,7 +61,7 @@ def ask_rows(
     policy: tfdb.types.Policy,
     found: list[tfdb.Transform | None],
 ) -> None:
-    """Rows and lookups of `reads` are what the single lookups have found."""
+    """Rows and lookups of `reads` equal the single lookups."""
     poses = np.array([np.full(7, np.nan) if t is None else t.pose for t in found])
     matrices = np.array([np.full((4, 4), np.nan) if t is None else t.matrix for t in found])
     if all(t is None for t in found):
@@ -94,7 +94,7 @@ def ask_points(
 
 
 def ask_every_way(buffer: tfdb.Buffer, target: str, source: str, stamps: list[int]) -> None:
-    """All ways to ask have the answer of the single lookups."""
+    """All kinds of reads return the results of the single lookups."""
     path = (target, source)
     for policy in POLICIES:
         found = [single(buffer, target, source, stamp, policy) for stamp in stamps]
@@ -149,7 +149,7 @@ def test_exact_rows_are_the_stored_samples() -> None:
 
 
 def test_random_paths_with_the_kernels_of_every_processor() -> None:
-    """The kernels for lesser processors give the same bits as those of this one."""
+    """The kernels for older processors give the same bits as those of this one."""
     program = """
 import sys, numpy as np, tfdb
 random = np.random.default_rng(6)

@@ -23,7 +23,7 @@ WAYS = ["buffer", "snapshot", "transaction"]
 
 @contextmanager
 def asked(buffer: Buffer, way: str) -> Iterator[Buffer | Snapshot | Transaction]:
-    """The same questions to a buffer, a snapshot of it, or a transaction."""
+    """The same reads of a buffer, its snapshot, or a transaction."""
     if way == "buffer":
         yield buffer
     elif way == "snapshot":
@@ -46,7 +46,7 @@ def test_common_times_are_those_that_the_whole_path_covers(way: str) -> None:
         assert reads.common_times("odom", "base")[1] == reads.latest_common_time("odom", "base")
         assert reads.common_times("base", "camera") == (0, 0)
         assert reads.common_times("map", "map") == (25, 40)
-        # No stamp is covered by both.
+        # Both edges have data at no common stamp.
         assert reads.common_times("cup", "base") == (50, 30)
         for stamp in (25, 27, 30):
             assert reads.can_transform("odom", "camera", stamp)

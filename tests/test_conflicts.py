@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def append(buffer: tfdb.Buffer) -> None:
-    """What changes every answer about the newest state."""
+    """A change that affects every read of the newest state."""
     buffer.set_transform("map", "base", 40, (1, 2, 3), TURN)
 
 

@@ -21,7 +21,7 @@ KEEP = "local"
 
 
 def assert_equal(copy: tfdb.Buffer, source: tfdb.Buffer) -> None:
-    """All that a reader can see of the two is the same, except for commit numbers."""
+    """The visible states of both are equal, except for commit numbers."""
     assert_same(copy, source)
     for theirs, ours in zip(source.tree(), copy.tree(), strict=True):
         assert theirs == ours
@@ -213,7 +213,7 @@ def test_a_copy_of_frames_that_are_missing_at_first() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_chosen_frames_in_samples_of_any_size(seed: int) -> None:
-    """Frames that are asked for are removed and made again, within a sample and behind it."""
+    """Chosen frames are removed and made again, within a sample and after it."""
     source = tfdb.Buffer(history=None)
     writer = Writer(seed)
     copies = {most: tfdb.Buffer(history=None) for most in (1, 5, 10_000)}
@@ -397,7 +397,7 @@ def test_damaged_bytes_change_nothing() -> None:
 
 
 def resealed(data: bytes) -> bytes:
-    """Give the bytes the checksum of what they say now (CRC-32C, bit by bit)."""
+    """Return the bytes with a new checksum (CRC-32C, bit by bit)."""
     total = 0xFFFFFFFF
     for byte in data[:-4]:
         total ^= byte
@@ -462,7 +462,7 @@ def test_refusals_of_the_store() -> None:
 
 
 def test_bytes_a_transform() -> None:
-    """Those of `docs/wire.md`: twenty commits of ten in a sample."""
+    """The sizes in `docs/wire.md`: twenty commits of ten edges in a sample."""
     source = tfdb.Buffer()
     rng = np.random.default_rng(1)
     for turns in (False, True):
@@ -540,7 +540,7 @@ def test_samples_of_other_frames_are_refused() -> None:
     x, y, z = NAMES[:3]
     copy.apply(source.commits_bytes(0, max_commits=6))
     for frames in ([x], [x, y, z], []):
-        for since in (6, 4, 0):  # behind the position, across it, and also all that is applied
+        for since in (6, 4, 0):  # after the position, across it, and all applied commits again
             data = source.commits_bytes(since, frames=frames)
             with pytest.raises(errors.OutOfOrder, match=r"other frames.*apply a state") as caught:
                 copy.apply(data)
@@ -588,7 +588,7 @@ def test_samples_with_other_shared_frames_are_refused() -> None:
 
 
 def test_a_forgotten_source_goes_on_by_any_state() -> None:
-    # The second has the earlier epoch, as that of a robot whose clock starts behind.
+    # The second has the earlier epoch, like a robot whose clock starts too early.
     second, first = tfdb.Buffer(), tfdb.Buffer()
     first.set_transform("map", "base", 10, *pose(1))
     first.set_transform("map", "arm", 10, *pose(1))
@@ -637,7 +637,7 @@ def test_cleared_edges_come_through_a_chain_of_copies() -> None:
     third = tfdb.Buffer()
     third.apply(state_of(second))
     assert third.tree() == second.tree()
-    # A state over what the copy has already, whose edge still has samples there.
+    # A state replaces the copy's data, whose edge still has samples.
     source.set_transform("map", "base", 30, *pose(1), authority="other")
     first.apply(source.commits_bytes(4))
     source.clear()
@@ -655,7 +655,7 @@ def test_a_frame_kept_for_a_local_child_goes_with_the_next_state() -> None:
     source.remove_frames("base")
     copy.apply(source.commits_bytes(3))
     assert copy.parent_of("base") is None, "its own samples are gone"
-    # Samples that name the frame as their parent are as before; at the source it is another one.
+    # Samples with the frame as parent do not change; at the source it is a new frame.
     assert copy.lookup_transform("sticker", "arm", 10).stamp == 10
     with pytest.raises(tfdb.UnknownFrame):
         source.lookup_transform("base", "arm", 10)

@@ -58,7 +58,7 @@ Told = tuple[str, Any, Any]
 
 
 def story(ask: Callable[[], Any]) -> Told:
-    """The answer to the last bit, or the error with all it says."""
+    """The result bit for bit, or the error with all fields."""
     try:
         found = ask()
     except tfdb.TfdbError as error:
@@ -70,7 +70,7 @@ def story(ask: Callable[[], Any]) -> Told:
 
 
 def same_verdict(one: Told, other: Told) -> bool:
-    """As `==`, for answers by another route: errors name other frames or halves."""
+    """Like `==`, for results by another path: errors name other frames or halves."""
     return one == other if one[0] == "answer" else one[0] == other[0]
 
 
@@ -92,7 +92,7 @@ def check_question(
     time: int | None,
     policy: tfdb.types.Policy | None,
 ) -> Told:
-    """Ask in every way; return what all told."""
+    """Call all kinds of reads; return their common result."""
     question = (target, source, time, policy)
     told = story(lambda: ways[0].lookup_transform(*question))
     for reads in ways:
@@ -105,7 +105,7 @@ def check_question(
             assert reads.common_times(target, source)[1] == common[1]
         elif time is None:
             assert common == told
-        # By way of one of the two, at equal times: one half is then nothing.
+        # Through one of the two frames, at equal times: one half is then the identity.
         for fixed in (target, source):
             full = (target, time, source, time, fixed, policy)
             through = story(lambda reads=reads, q=full: reads.lookup_transform_full(*q))
@@ -125,7 +125,7 @@ def check_question(
 
 
 def check_cover(reads: Buffer, target: str, source: str) -> None:
-    """At every stamp of the common times there is an answer, by the newest tree's path."""
+    """Every stamp of the common times has a result, on the newest tree's path."""
     try:
         oldest, newest = reads.common_times(target, source)
     except (tfdb.Disconnected, tfdb.UnknownFrame):

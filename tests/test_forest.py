@@ -17,7 +17,7 @@ STEPS = (1000, 2000, 3000)
 
 
 def grown(seed: int) -> tuple[tfdb.Buffer, dict[int, dict[str, str]]]:
-    """Make a store whose moving frames change their parents; the parents at each step."""
+    """Make a store whose moving frames change parents; return the parents at each step."""
     rng = random.Random(seed)
     names = [f"f{i:02}" for i in range(24)]
     rng.shuffle(names)
@@ -124,7 +124,7 @@ def test_no_frame_is_its_own_ancestor_before_its_first_sample() -> None:
 
 
 def agrees_with_itself(buf: tfdb.Buffer, stamp: int) -> tuple[int, int]:
-    """Check one tree; count the lookups that went its way and the roots before their samples."""
+    """Check one tree; count the lookups along it, and the roots before their samples."""
     parents = {info.name: info.parent for info in buf.tree(stamp)}
     answered = early = 0
     for name, parent in parents.items():
@@ -167,7 +167,7 @@ def matrix_or_error(
 
 
 def test_every_stamp_has_one_tree_and_lookups_go_its_way() -> None:
-    """Frames come at different times, often under what they will carry later."""
+    """Frames appear at different times, often as children of later descendants."""
     names = ["map", "odom", "base", "arm", "hand", "cup"]
     answered = early = 0
     for seed in range(8):

@@ -61,7 +61,7 @@ def test_arguments_may_be_named(robot: Robot) -> None:
 
 
 def test_names_are_compared_by_value(robot: Robot) -> None:
-    """The cache of names goes by the object, and must not be fooled by equal or new ones."""
+    """The cache of names compares objects, and stays right for equal and new ones."""
     stamp = stamp_of(3.5)
     expected = robot.buffer.lookup_transform("map", "camera", stamp)
     for i in range(2000):
@@ -232,7 +232,7 @@ def test_disconnected_names_both_roots(robot: Robot) -> None:
 
 
 def spinning() -> tfdb.Buffer:
-    """A base that drives along x at 2 m/s and turns about z at 0.5 rad/s, on a tilted map."""
+    """A base that moves along x at 2 m/s and rotates about z at 0.5 rad/s, on a tilted map."""
     buffer = tfdb.Buffer(history=None)
     buffer.set_static_transform("world", "map", (5, 6, 7), TURN)
     for i in range(101):
@@ -402,7 +402,7 @@ def test_apply_maps_points(robot: Robot, dtype: type) -> None:
 def test_arrays_of_the_standard_library_are_read(
     robot: Robot, lend: Callable[[array[Any]], Any]
 ) -> None:
-    """Their buffers keep shape and strides within the view that the caller hands in."""
+    """Their buffers store shape and strides inside the caller's view."""
     found = robot.buffer.lookup_transform("map", "camera", stamp_of(7.7))
     for letter in "df":
         point = np.arange(3).astype(letter)

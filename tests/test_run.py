@@ -41,7 +41,7 @@ def add(tx: tfdb.Transaction) -> float:
 
 
 def interfere(buffer: tfdb.Buffer) -> None:
-    """Change, in another thread, what `add` has read."""
+    """Change the data that `add` has read, in another thread."""
     in_another_thread(
         lambda: buffer.set_static_transform("map", "counter", (value(buffer), 1, 2), TURN)
     )
@@ -75,7 +75,7 @@ def test_run_retries_until_no_commit_conflicts(buffer: tfdb.Buffer) -> None:
 
 
 class Adversary:
-    """Interferes as soon as it is told to, however long it must wait for its commit."""
+    """Starts a conflicting commit on request; the commit may have to wait."""
 
     def __init__(self, buffer: tfdb.Buffer) -> None:
         self.commits: list[int] = []
@@ -95,7 +95,7 @@ class Adversary:
 
 @pytest.mark.parametrize("engine", ["snapshot", "silo"])
 def test_after_eight_lost_attempts_it_runs_alone(engine: Any) -> None:
-    """The bound on starvation: the ninth attempt wins, whatever the others do.
+    """The bound on starvation: the ninth attempt commits beside any other commits.
 
     In these engines another commit can come first; in the others it waits for the transaction.
     """
@@ -110,7 +110,7 @@ def test_after_eight_lost_attempts_it_runs_alone(engine: Any) -> None:
         adversary.go.release()
         if len(calls) <= tfdb.store.transactions.LOST_BEFORE_ALONE:
             adversary.done.acquire()
-        else:  # its commit has to wait until this one is through, and cannot come first
+        else:  # its commit waits for this transaction, and cannot come first
             assert len(calls) == 9
             for _ in range(100_000):
                 pass
@@ -153,7 +153,7 @@ def test_retries_are_counted(buffer: tfdb.Buffer, retries: int) -> None:
 
 
 def test_the_time_is_limited(buffer: tfdb.Buffer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a clock that goes on by a second with each attempt, 2.5 s hold three."""
+    """If the clock advances by a second per attempt, 2.5 s allow three attempts."""
     now = 0.0
 
     def contested(tx: tfdb.Transaction) -> None:
@@ -211,7 +211,7 @@ def test_the_wait_is_bounded_and_jittered(
 
 
 class SurpriseError(Exception):
-    """Nothing of tfdb's."""
+    """An error that is not tfdb's."""
 
 
 @pytest.mark.parametrize(
@@ -220,7 +220,7 @@ class SurpriseError(Exception):
 def test_errors_of_the_function_come_out_at_once(
     buffer: tfdb.Buffer, error: type[BaseException]
 ) -> None:
-    """Also a Conflict that is not of this transaction."""
+    """Also a Conflict of another transaction."""
     calls = 0
 
     def fail(tx: tfdb.Transaction) -> None:
@@ -299,7 +299,7 @@ def test_options_that_cannot_be(buffer: tfdb.Buffer, options: dict[str, Any]) ->
 
 
 def test_the_default_is_enough_to_win(buffer: tfdb.Buffer) -> None:
-    """Nine calls at most: the eight retries of the default end with one that runs alone."""
+    """At most nine calls: the last of the eight default retries runs alone."""
     calls = 0
 
     def contested(tx: tfdb.Transaction) -> int:
@@ -373,14 +373,14 @@ def test_a_function_that_works_later_is_refused(buffer: tfdb.Buffer, function: A
     ],
 )
 def test_reads_outside_the_transaction_are_refused(engine: Any, read: Any) -> None:
-    """As writes are: no commit would notice that what was read there has changed."""
+    """Like writes, because no commit would check these reads."""
     buffer = tfdb.Buffer(history=None, concurrency=engine)
     buffer.set_static_transform("map", "counter", (0, 1, 2), TURN)
     other = tfdb.Buffer()
     other.set_static_transform("map", "counter", (7, 1, 2), TURN)
 
     def decide(tx: tfdb.Transaction) -> None:
-        assert value(other) == 7  # another store's business
+        assert value(other) == 7  # another store is not affected
         add(tx)
         read(buffer)
 
@@ -453,7 +453,7 @@ def test_run_tries_again_if_the_function_caught_the_conflict(
         return calls[-1]
 
     thread = threading.Thread(target=older)
-    # Between two attempts: the older one may have to be alone, and would wait for an open attempt.
+    # Between two attempts: an older one may run alone, and would wait for an open attempt.
     monkeypatch.setattr(tfdb.store.transactions.time, "sleep", lambda seconds: thread.join())
     thread.start()
     has_begun.wait()

@@ -1,4 +1,4 @@
-"""`simplify` keeps the path within its tolerance, judged by dense sampling with scipy."""
+"""`simplify` keeps the path within its tolerance, checked by dense sampling with scipy."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ STEP = 10_000_000
 
 
 def smooth_path(count: int, seed: int, bend: float = 0.001, dwell: bool = False) -> Any:
-    """A path that turns and moves smoothly, at uneven stamps."""
+    """A path that rotates and moves smoothly, at uneven stamps."""
     rng = np.random.default_rng(seed)
     stamps = np.cumsum(rng.integers(STEP // 3, STEP * 2, count))
     speed = rng.normal(size=(count, 3)).cumsum(axis=0) * bend / 10
     spin = rng.normal(size=(count, 3)).cumsum(axis=0) * bend
-    if dwell:  # it stands still half of the time, and the quaternion's sign flips
+    if dwell:  # constant half of the time, and the quaternion's sign flips
         speed[count // 4 : count // 2] = spin[count // 4 : count // 2] = 0.0
         spin[count // 8] = 2.0
     turns = [Rotation.from_euler("xyz", [0.4, -1.0, 2.0])]
@@ -41,7 +41,7 @@ def interpolated(path: Any, stamps: Any) -> tuple[Any, Rotation]:
 
 
 def farthest(path: Any, other: Any, parts: int = 12) -> tuple[float, float]:
-    """How far two paths are apart, at many times between all stamps: metres and radians."""
+    """Distance of two paths at many times between all stamps: metres and radians."""
     shares = np.arange(parts) / parts
     stamps = (path.stamps[:-1, None] + np.diff(path.stamps)[:, None] * shares).astype(np.int64)
     stamps = np.append(stamps.ravel(), path.stamps[-1])
@@ -50,7 +50,7 @@ def farthest(path: Any, other: Any, parts: int = 12) -> tuple[float, float]:
 
 
 def fewest(path: Any, metres: float, radians: float) -> int:
-    """The smallest number of poses that there is: the shortest chain of allowed steps."""
+    """The smallest possible number of poses: the shortest chain of valid steps."""
     count = len(path)
     need = [1] + [count + 1] * (count - 1)
     for first in range(count - 1):
@@ -79,7 +79,7 @@ def test_the_path_stays_within_the_tolerance_at_all_times(
     off = farthest(path, found)
     assert off[0] <= metres * (1 + 1e-9)
     assert off[1] <= radians * (1 + 1e-9) + 1e-12
-    # And no step could go one pose farther.
+    # No step can be one pose longer.
     for first, last in pairwise(rows[:-1]):
         step = farthest(path[first : last + 2], path[[first, last + 1]])
         assert step[0] > metres * 0.99 or step[1] > radians * 0.98
@@ -120,7 +120,7 @@ def test_long_paths_are_cut_nowhere_without_need() -> None:
 
 
 def test_a_turn_all_the_way_round_is_kept() -> None:
-    """Half a turn and more between two poses would be interpolated the other way."""
+    """A rotation of half a turn or more would be interpolated in the other direction."""
     turns = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 101), [0.0, 0.6, 0.8]))
     path = tfdb.Trajectory(
         "map", "base", np.arange(101) * STEP, translations=np.zeros((101, 3)),
@@ -132,7 +132,7 @@ def test_a_turn_all_the_way_round_is_kept() -> None:
 
 
 def test_a_turn_may_be_farther_off_between_poses_than_at_them() -> None:
-    """Two poses to one side of a turn: the way from one to the other bulges away from it."""
+    """Two poses on one side of a rotation: the slerp between them bulges away from it."""
     side, along = 0.05, 0.5  # half angles
     turns = [np.array([0, 0, math.sin(i * along), math.cos(i * along)]) for i in range(4)]
     for i in (1, 2):

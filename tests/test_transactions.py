@@ -1,4 +1,4 @@
-"""Transactions: what they see, what they store, and their conflicts."""
+"""Transactions: their reads, writes and conflicts."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_it_prints_how_far_it_has_come() -> None:
 
 
 def test_reports_stay_right_after_the_end() -> None:
-    """Also of frames that only the transaction made, and that no store ever knew."""
+    """Also for frames that only the transaction made, and that no store has had."""
     buffer = chain()
     with buffer.transaction() as tx:
         tx.set_static_transform("camera", "marker", (1, 0, 0), TURN)
@@ -351,7 +351,7 @@ def test_an_unreferenced_transaction_is_aborted(free: Callable[[], object]) -> N
     tx.__enter__()
     tx.set_transform("map", "base", 40, (4, 4, 4), TURN)
     ring = [tx]
-    ring.append(ring)  # so that only the collector frees it
+    ring.append(ring)  # so that only the garbage collector frees it
     del tx, ring
     free()
     assert contents(buffer) == before

@@ -403,7 +403,7 @@ def test_waits_end_also_where_memory_does(
 
         def _await_ended_waits(self, timeout: float) -> None:
             self.asked += 1
-            if self.asked <= 2:  # by the second time the wait is known
+            if self.asked <= 2:  # at the second time the wait is registered
                 raise MemoryError
             buf._await_ended_waits(timeout)
 
