@@ -578,6 +578,22 @@ def test_samples_from_before_a_jump_ahead_are_judged_as_of_then() -> None:
         assert [event.kind for event in events] == ["step", "time-jump"]
 
 
+def test_samples_from_behind_a_jump_ahead_arrive_now() -> None:
+    """However old their stamps are: time does not go back for them."""
+    now, store = START, tfdb.Buffer()
+    for child in ("base", "arm"):
+        store.set_transform("odom", child, now, (0, 0, 0))
+    expected = tfdb.Expectations(default=Expectation(deadline=10))
+    judge = LiveJudge(Live(store, lambda: now), Judge(expected, now))
+    now += 90 * S
+    store.set_transform("odom", "base", now - 5 * S, (0, 0, 0))
+    (jump,) = judge.take(judge.read(0.0), (now, 90 * S))
+    assert (jump.kind, jump.time, jump.value) == ("time-jump", now, 90.0)
+    now += 11 * S
+    missed = [event for event in judge.take([]) if event.kind == "deadline"]
+    assert {each.child: each.time - now for each in missed} == {"base": -S, "arm": -S}
+
+
 def test_a_history_that_replaces_another_did_not_arrive() -> None:
     """A copy that begins anew, as at each jump of a player, has only newest samples."""
     source, copy = tfdb.Buffer(history=None), tfdb.Buffer(history=None)

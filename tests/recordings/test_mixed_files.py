@@ -190,11 +190,14 @@ def test_every_file_that_contradicts_is_named(recorder: Recorder, tmp_path: Path
 
 
 def test_the_topics_of_a_file_are_sorted(recorder: Recorder, tmp_path: Path) -> None:
-    both = [[*driven("/tf", x=x), *fixed("/tf_static", x)] for x in (1, 2)]
-    paths = files(recorder, tmp_path, *both)
+    topics = ["/tf", "/tf_static", *(f"/tf_{number}" for number in range(2, 8))]
+    parts = [
+        [one for topic in topics for one in driven(topic, child=topic[1:], x=x)] for x in (1, 2)
+    ]
+    paths = files(recorder, tmp_path, *parts)
     with pytest.raises(tfdb.errors.MixedSources) as caught:
         tfdb.load(paths)
-    assert caught.value.groups == {str(path): ("/tf", "/tf_static") for path in paths}
+    assert caught.value.groups == {str(path): tuple(sorted(topics)) for path in paths}
 
 
 def test_excluded_samples_do_not_contradict(recorder: Recorder, tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,6 +92,18 @@ def test_rosbags_reads_it(store: tfdb.Buffer, tmp_path: Path, suffix: str, compr
     else:
         durabilities = [q.offered_qos_profiles[0].durability.name for q in qualities.values()]
         assert sorted(durabilities) == ["TRANSIENT_LOCAL", "VOLATILE"]
+
+
+def test_the_metadata_of_a_database_without_messages(tmp_path: Path) -> None:
+    path = tmp_path / "out.db3"
+    with RecordingWriter(path):
+        pass
+    with closing(sqlite3.connect(path)) as database:
+        ((text,),) = database.execute("SELECT metadata FROM metadata").fetchall()
+    about = json.loads(text)
+    assert about["message_count"] == 0
+    assert about["starting_time"] == {"nanoseconds_since_epoch": 0}
+    assert about["duration"] == {"nanoseconds": 0}
 
 
 def records(path: Path, store: tfdb.Buffer) -> list[tuple[str, int, bytes]]:
