@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, date, datetime, timedelta, timezone
 from decimal import Decimal
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -581,8 +582,11 @@ def test_seconds_among_nanoseconds_are_noticed(buffer: tfdb.Buffer, tmp_path: Pa
         buffer.set_transform("map", "car", START // 10**9 + i, (i, 2, 3), TURN)
     buffer.set_transform("map", "base", START // 10**9, (1, 2, 3), TURN)
     file = recorded(tmp_path, buffer, "mixed.mcap")
-    with pytest.warns(tfdb.TfdbWarning, match="look like seconds") as caught:
-        tfdb.load(file)
+    cached = partial(tfdb.load, cache=True)
+    for load in (tfdb.load, cached, cached, tfdb.Buffer(history=None).load):
+        with pytest.warns(tfdb.TfdbWarning, match="look like seconds") as caught:
+            load(file)
+        assert caught[0].filename == __file__
     said = str(caught.pop().message)
     assert "base, car from 1.7 s to" in said
     assert "base has stamps of both" in said
@@ -592,8 +596,9 @@ def test_the_same_file_twice_is_noticed(buffer: tfdb.Buffer, tmp_path: Path) -> 
     file = recorded(tmp_path, buffer, "drive.mcap")
     store = tfdb.Buffer(history=None)
     store.load(file)
-    with pytest.warns(tfdb.TfdbWarning, match="loaded twice"):
+    with pytest.warns(tfdb.TfdbWarning, match="loaded twice") as caught:
         store.load(file)
+    assert caught.pop().filename == __file__
     (tmp_path / "link.mcap").symlink_to(file)
     for twice in ([file, file], [str(file), tmp_path / "link.mcap"]):
         with pytest.raises(tfdb.InvalidArgument, match="given twice"):

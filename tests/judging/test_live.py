@@ -10,6 +10,7 @@ import threading
 import time
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -482,6 +483,43 @@ def test_a_sample_between_two_looks_meets_a_deadline_in_doubt() -> None:
     assert look(0.045) == []
     assert look(0.6) == [True, False]  # more than 0.5 s after the deadline
     assert look(0.051, is_stored=False) == [True]
+
+
+class Noted:
+    """A store in which nothing comes; it notes until when each wait would last."""
+
+    def __init__(self, *, is_system: bool) -> None:
+        self.store, self.commit, self.shown = tfdb.Buffer(), 0, START
+        self.clock: Any = SimpleNamespace(
+            is_system=is_system, paused=False, speed=1.0, now=lambda: self.shown
+        )
+        self.now = self.clock.now
+        self.waits: list[float] = []
+
+    def wait(self, until: float) -> bool:
+        self.waits.append(until)
+        return False
+
+    def sleep(self, until: float) -> None:
+        raise AssertionError(f"nothing came, so there is no rest until {until}")
+
+
+@pytest.mark.parametrize(
+    ("is_system", "left", "waited"),
+    [(True, 0.4, 0.4001), (True, -3.0, 0.0001), (True, 30.0, 1.0), (False, 0.4, 0.1)],
+)
+def test_a_judge_waits_until_something_is_due(
+    monkeypatch: pytest.MonkeyPatch, is_system: bool, left: float, waited: float
+) -> None:
+    """But no longer than a second, as the clock may be set; and 0.1 s by another clock."""
+    now = SimpleNamespace(monotonic=lambda: 100.0, monotonic_ns=lambda: 100 * S)
+    monkeypatch.setattr("tfdb.judging.live.time", now)
+    live = Noted(is_system=is_system)
+    expected = tfdb.Expectations([Expectation("odom", "base", deadline=60)])
+    judge = LiveJudge(live, Judge(expected, START))
+    live.shown = START + 60 * S - round(left * S)
+    assert judge.read() == judge.read(100.00005) == []
+    assert live.waits == [pytest.approx(100 + waited), 100.00005]
 
 
 def test_a_look_that_is_late_goes_by_the_stamps() -> None:

@@ -526,6 +526,13 @@ def test_a_rewriting_has_the_fixed_joints(ros: Messages, tmp_path: Path) -> None
     assert durabilities == ["TRANSIENT_LOCAL", "VOLATILE"]
 
 
+def test_a_list_longer_than_its_message_is_refused() -> None:
+    source = Source("/joints", "ros1", "/joints", 1, JOINTS)
+    data = struct.pack("<4I", 0, 5, 0, 0) + struct.pack("<I", 1000) + bytes(8)
+    with pytest.raises(tfdb.errors.CorruptMessage, match="1000 members in the last 8 bytes"):
+        decode_joint_state(data, source)
+
+
 def test_joint_states_of_two_files_may_not_contradict(ros: Messages, tmp_path: Path) -> None:
     model = tfdb.robots.parse_urdf(URDF)
     paths = []
