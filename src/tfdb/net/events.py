@@ -1,4 +1,4 @@
-"""What happens to homes and mirrors, for programs."""
+"""Events of homes and mirrors, for programs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Kind = Literal[
 
 
 class Event(NamedTuple):
-    """Something that happened to a home or a mirror.
+    """An event of a home or a mirror.
 
     `kind` is a new state of a mirror (`absent`, `catching up`, `live`, `stale`), or one of:
     `rewound` (a mirror went from `before` to `after`, a state that need not contain `before`),
@@ -45,17 +45,17 @@ class Event(NamedTuple):
     """
 
     time: int
-    """When, nanoseconds since 1970."""
+    """Time of the event, nanoseconds since 1970."""
     name: str
     """The namespace."""
     kind: str
-    """What happened."""
+    """The kind of event."""
     text: str
-    """A sentence about it."""
+    """A description in one sentence."""
     before: tuple[tfdb.data.types.Epoch, int] | None = None
-    """Rewound: where the mirror was. Fenced: the last commit that both homes have, if known."""
+    """Rewound: the mirror's old position. Fenced: the last commit of both homes, if known."""
     after: tuple[tfdb.data.types.Epoch, int] | None = None
-    """Rewound: where it is now. Fenced: the last commit of the home that stopped."""
+    """Rewound: the mirror's new position. Fenced: the last commit of the home that stopped."""
 
     def __str__(self) -> str:
         return f"{self.name}: {self.kind}: {self.text}"
@@ -78,7 +78,7 @@ class EventLog:
         before: tuple[Epoch, int] | None = None,
         after: tuple[Epoch, int] | None = None,
     ) -> None:
-        """Note an event, and log it."""
+        """Store an event, and log it."""
         event = Event(time.time_ns(), self.name, kind, text, before, after)
         LOGGER.log(logging.WARNING if kind in _LOUD else logging.INFO, "%s", event)
         with self.changed:

@@ -58,24 +58,24 @@ _LAST_WORD = 2.0
 
 
 class HomeStats(NamedTuple):
-    """What a home has done."""
+    """Counts of a home."""
 
     commits: int
-    """Commits that were sent."""
+    """Sent commits."""
     messages: int
-    """Messages in which they were, without heads."""
+    """Sent messages with commits, without heads."""
     bytes: int
-    """Bytes of these."""
+    """Bytes of these messages."""
     answers: int
-    """Questions of mirrors that were answered."""
+    """Answered requests of mirrors."""
     failed_answers: int
-    """Questions that could not be answered; the mirrors ask again."""
+    """Requests that could not be answered; the mirrors repeat them."""
     lapped: int
-    """Commits that mirrors learn by a state: they came faster than they are sent."""
+    """Commits that mirrors get as a state, because the home could not send them in time."""
 
 
 class Home(Closable):
-    """A namespace's home: the one store whose commits the mirrors apply. `publish` makes it.
+    """A namespace's home: the store whose commits the mirrors apply. `publish` makes it.
 
     Use it in a `with` block, or call `close`.
     """
@@ -105,7 +105,7 @@ class Home(Closable):
         self._later: Epoch | None = None
         self._is_seen = False
         self._watch: Watch | None = None
-        with suppress(NotSupported):  # then it looks again and again
+        with suppress(NotSupported):  # then it checks repeatedly
             self._watch = buffer.watch((), every=True)
         self._declared: list[Declared] = []
         self._send, publisher = link.send(name)
@@ -134,12 +134,12 @@ class Home(Closable):
 
     @property
     def commit(self) -> int:
-        """The last commit that was sent, or was there before."""
+        """The last commit that was sent or existed before."""
         return self._sender.commit
 
     @property
     def state(self) -> Literal["publishing", "fenced", "ended", "closed"]:
-        """`publishing`; `fenced` (a later home is there); `ended` (by an error); `closed`."""
+        """`publishing`; `fenced` (a later home exists); `ended` (by an error); `closed`."""
         return self._state
 
     @property
@@ -149,7 +149,7 @@ class Home(Closable):
 
     @property
     def stats(self) -> HomeStats:
-        """What it has done."""
+        """Its counts."""
         return HomeStats(
             self._commits,
             self._messages,
@@ -164,7 +164,7 @@ class Home(Closable):
         return NetEvents(self._log)
 
     def close(self) -> None:
-        """Send the commits that were made before, and stop. A second call does nothing."""
+        """Send all earlier commits, and stop. A second call does nothing."""
         self._closing.set()
         if self._watch is not None:
             self._watch.close()
@@ -234,15 +234,15 @@ class Home(Closable):
         if self._watch is None:
             self._closing.wait(min(left, _LOOK))
             return
-        with suppress(FeedLapped, WatchClosed):  # the next message goes on from there
+        with suppress(FeedLapped, WatchClosed):  # the next message continues from there
             self._watch.next(self._sender.commit, left, limit=1)
 
     def _step_down(self, later: Epoch) -> None:
-        """Another home is there: note which commits it lacks, and refuse local writes.
+        """Find the commits that the later home lacks, and refuse local writes.
 
-        A message of that home is the proof: only what may publish can make a store read-only.
+        A message of that home is the proof: only a publisher can make a store read-only.
         """
-        self._leave()  # before others see the state: a home may begin at once
+        self._leave()  # before others see the state, because a home may start at once
         self._state = "fenced"
         heard = self._wait_for_later_head(later)
         if heard:
@@ -290,7 +290,7 @@ class Home(Closable):
         return sorted(heard)
 
     def _end_writes(self) -> str:
-        """Let local writers be refused, as in a mirror; say what became of it."""
+        """Make the store read-only, as a mirror's; return a text about it."""
         try:
             if self._buffer._hand_over(self._name, "adopt", self.epoch) is None:
                 return "The later home publishes the same store, which stays writable"
@@ -299,7 +299,7 @@ class Home(Closable):
         return "Its frames are read-only"
 
     def _keep(self, fork: int) -> str:
-        """Write the lost commits to the file that was asked for; say what became of it."""
+        """Write the lost commits to the chosen file; return a text about it."""
         if self._keep_lost is None:
             return ""
         try:
@@ -349,7 +349,7 @@ class Home(Closable):
             return []
         try:
             messages = self._sender.answer(question)
-        except TfdbError:  # such as SnapshotTooOld; the mirror asks again
+        except TfdbError:  # such as SnapshotTooOld; the mirror repeats the request
             with self._lock:
                 self._failed += 1
             return []

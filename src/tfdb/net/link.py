@@ -1,4 +1,4 @@
-"""What homes and mirrors need of a network, and the names of it."""
+"""The network interface of homes and mirrors, and its keys."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ CONNECT_MS = 3000
 
 
 class Token(NamedTuple):
-    """Says that a home, or a mirror that knows an epoch, is alive."""
+    """The liveliness token of a home, or of a mirror with its latest epoch."""
 
     role: Role
     epoch: Epoch
     owner: str = ""
-    """Tells mirrors apart. An epoch has one home, which has none."""
+    """Identifies a mirror. A home has none, because an epoch has one home."""
 
     def key(self, name: str) -> str:
         """Return its key."""
@@ -42,7 +42,7 @@ class Token(NamedTuple):
 
 
 def token_of(key: str) -> Token:
-    """Read the key of a token. Raises ValueError for what is none."""
+    """Read the key of a token. Raises ValueError for other keys."""
     _, _, rest = key.rpartition("/@")
     role, *numbers = rest.split("/")
     if len(numbers) != {"home": 2, "mirror": 3}.get(role):
@@ -86,14 +86,14 @@ def check_network_name(name: Any) -> str:
 
 
 class Declared(Protocol):
-    """Something that lasts until it is undeclared."""
+    """A declaration that lasts until it is undeclared."""
 
     def undeclare(self) -> None:
-        """End it: nothing is called afterwards, except what has begun."""
+        """End it: no call begins afterwards."""
 
 
 class Link(Protocol):
-    """A network. Threads: any. What it calls is called by threads of its own, and must not wait."""
+    """A network. Threads: any. Its own threads run callbacks, which must not wait."""
 
     def send(self, name: str) -> tuple[Callable[[bytes], None], Declared]:
         """Return the function that sends a message of the log. It never waits: it may lose some."""
@@ -102,7 +102,7 @@ class Link(Protocol):
         """Call `take` with each message of the log."""
 
     def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
-        """Answer questions; `answer` may wait."""
+        """Answer requests; `answer` may wait."""
 
     def ask(
         self,
@@ -110,13 +110,13 @@ class Link(Protocol):
         question: Question,
         done: Callable[[list[bytes]], None],
     ) -> None:
-        """Ask all homes; `done` is called once, with what came of all of them."""
+        """Send a request to all homes; `done` is called once, with all answers."""
 
     def announce(self, name: str, token: Token) -> Declared:
-        """Let others see a token until it is undeclared, or this process ends."""
+        """Publish a token until it is undeclared, or this process ends."""
 
     def watch(self, name: str, take: Callable[[Token, bool], None]) -> Declared:
-        """Call `take` with each home's token, also those that are there: whether it is alive."""
+        """Call `take` with each home's token, existing ones first, and whether it is alive."""
 
     def tokens(self, name: str) -> list[tuple[str, Token]]:
         """Return the tokens that are there, of homes and mirrors, with their namespaces.
@@ -125,7 +125,7 @@ class Link(Protocol):
         """
 
     def report(self, name: str, role: Role, status: Callable[[], bytes]) -> Declared:
-        """Answer questions for the status; `status` must not wait."""
+        """Answer requests for the status; `status` must not wait."""
 
     def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
         """Return what homes and mirrors answer within `timeout` seconds, with their namespaces.

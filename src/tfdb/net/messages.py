@@ -1,4 +1,4 @@
-"""What homes and mirrors send each other, as bytes: docs/wire.md."""
+"""Messages of homes and mirrors as bytes: docs/wire.md."""
 
 from __future__ import annotations
 
@@ -52,16 +52,16 @@ class State(NamedTuple):
 
 
 class Head(NamedTuple):
-    """What a home says of itself."""
+    """The head message of a home."""
 
     epoch: Epoch
     commit: int
     """The last commit that it has sent."""
     previous: Epoch
-    """The epoch from whose commit `fork` it went on, or `NONE`."""
+    """The epoch that it continues from commit `fork`, or `NONE`."""
     fork: int
     begin: int = 0
-    """The commit of its own at which it had exactly that state. 0: it had more, or none."""
+    """Its own commit with exactly that state. 0: it had more data, or continues none."""
 
 
 class Part(NamedTuple):
@@ -70,9 +70,9 @@ class Part(NamedTuple):
     epoch: Epoch
     commit: int
     place: int
-    """Which it is, from 0."""
+    """Its index, from 0."""
     parts: int
-    """How many the state has."""
+    """Number of parts of the state."""
     data: bytes
 
 
@@ -80,20 +80,20 @@ Message: TypeAlias = "Commits | State | Head | Part"
 
 
 class Told(NamedTuple):
-    """What a home or a mirror says of itself when it is asked."""
+    """The status of a home or a mirror."""
 
     epoch: Epoch
     """The home's, or the latest that the mirror has heard of; `NONE`."""
     role: Role
     state: str
     owner: str
-    """16 hexadecimal digits, which tell mirrors apart."""
+    """16 hexadecimal digits that identify a mirror."""
     commit: int
     """The last that was sent, or applied."""
     newest: int
-    """The last that the home has, as far as it is known."""
+    """The last known commit of the home."""
     behind: int
-    """For how many nanoseconds the mirror has lacked commits."""
+    """Nanoseconds since the mirror had all commits."""
     counts: tuple[int, ...]
     """The `HomeStats` or `MirrorStats`."""
 
@@ -107,12 +107,12 @@ _COUNTS = {"home": 6, "mirror": 8}
 
 
 class Question(NamedTuple):
-    """A mirror asks its home."""
+    """A request of a mirror to its home."""
 
     epoch: Epoch
-    """The latest that it knows."""
+    """The latest epoch that it knows."""
     since: int | None
-    """It wants the commits after this one. None: a state."""
+    """It requests the commits after this one. None: a state."""
     of: Epoch = NONE
     """The epoch of that commit."""
 
@@ -122,7 +122,7 @@ class Question(NamedTuple):
 
 
 def question_of(since: str | None, of: str | None, epoch: str | None) -> Question:
-    """Read a question. Raises ValueError for what is none."""
+    """Read a request. Raises ValueError for an invalid one."""
     latest = epoch_of_text(epoch or "")
     if since is None:
         return Question(latest, None)
@@ -151,7 +151,7 @@ def _checked(epoch: Epoch) -> Epoch:
 
 
 def head_bytes(head: Head) -> bytes:
-    """Write what a home says of itself."""
+    """Write the head message of a home."""
     before = head.previous
     body = _HEAD.pack(head.commit, before.number, before.id, head.fork, head.begin)
     return _sealed(HEAD, head.epoch, body)
@@ -188,7 +188,7 @@ def _with_sum(data: bytes) -> bytes:
 
 
 def status_bytes(told: Told) -> bytes:
-    """Write what a home or a mirror says when it is asked."""
+    """Write the status of a home or a mirror."""
     role, state = _ROLES.index(told.role), _STATES[told.role].index(told.state)
     owner = bytes.fromhex(told.owner or "00" * 8)
     body = _STATUS.pack(role, state, owner, told.commit, told.newest, told.behind)
@@ -207,7 +207,7 @@ def status_of(data: bytes) -> Told:
 def message_of(data: bytes) -> Message:
     """Read a message of a log or an answer to a mirror.
 
-    Raises CorruptMessage; commits and states are judged further by `apply`.
+    Raises CorruptMessage; `apply` validates the content of commits and states.
     """
     kind, number, ident = _front(data, COMMITS, PART)
     try:

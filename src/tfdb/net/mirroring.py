@@ -1,4 +1,4 @@
-"""A copy of a store of another process or machine, which follows its commits."""
+"""A copy of another process's or machine's store, which follows its commits."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ _SOON = 0.01
 
 
 class MirrorStats(NamedTuple):
-    """What a mirror has done."""
+    """Counts of a mirror."""
 
     commits: int
     """Commits that were applied one by one."""
     states: int
     """Whole states that were applied."""
     questions: int
-    """How often it asked the home, for commits or a state."""
+    """Requests to the home, for commits or a state."""
     lag: int
-    """How many commits the home has, as far as it is known, and the mirror lacks."""
+    """Number of the home's known commits that the mirror lacks."""
     refused: int
     """Messages that were damaged or could not be stored."""
     outdated: int
-    """Messages of earlier homes, which were left out."""
+    """Messages of earlier homes, which were ignored."""
     bytes: int
     """Bytes of all messages."""
     gaps: int
-    """How often it found that it lacks commits behind those that it has."""
+    """How often it found a gap in the commits."""
 
 
 class Mirror(Closable):
@@ -139,7 +139,7 @@ class Mirror(Closable):
 
     @property
     def stats(self) -> MirrorStats:
-        """What it has done."""
+        """Its counts."""
         each = self._receiver
         position = each.position
         is_known = position is not None and position.epoch == each.known
@@ -280,7 +280,7 @@ class Mirror(Closable):
 
     def _on_message(self, data: bytes) -> None:
         self._inbox.append(data)
-        # A thread that had the lock looks at the inbox again after its release.
+        # A thread that held the lock checks the inbox again after its release.
         while self._inbox and self._lock.acquire(blocking=False):
             try:
                 self._feed()
@@ -308,7 +308,7 @@ class Mirror(Closable):
     # -- under the lock ----------------------------------------------------------------------------
 
     def _feed(self) -> None:
-        """Give the receiver what came. An error ends the mirror."""
+        """Pass the inbox to the receiver. An error ends the mirror."""
         receiver = self._receiver
         before = receiver.state
         try:
@@ -350,7 +350,7 @@ class Mirror(Closable):
                 self._changed.notify_all()
 
     def _step(self) -> float:
-        """Take what came and ask what is due; returns how many seconds nothing is to be done."""
+        """Process the inbox and send due requests; return the seconds until the next step."""
         receiver = self._receiver
         with self._lock:
             while self._tokens:
@@ -375,7 +375,7 @@ class Mirror(Closable):
         return left
 
     def _announce(self, known: Epoch) -> None:
-        """Say which epoch is known, so that a home that comes later begins a later one."""
+        """Publish the latest known epoch, so that a new home begins a later one."""
         before, self._announced = self._token, known
         self._token = self._link.announce(self._name, Token("mirror", known, self._owner))
         if before is not None:

@@ -1,4 +1,4 @@
-"""What a mirror does with what it hears: it applies what is next, and asks. It knows no network."""
+"""The mirror's protocol: it applies commits and sends requests. It does not use the network."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ _ENDS = BufferClosed, InvalidArgument, NoSuchStore, NotSupported, ReadOnly
 class Receiver:
     """The mirror's half of the protocol. Threads: one at a time.
 
-    Its store is its state: the position is in it, so that a process that was killed goes on. Times
-    are seconds of any clock that only goes forth.
+    Its state is in the store: the position is there, so it continues after the process is killed.
+    Times are seconds of a monotonic clock.
     """
 
     def __init__(
@@ -104,18 +104,18 @@ class Receiver:
     # -- what it is fed ----------------------------------------------------------------------------
 
     def take_answer(self, messages: Iterable[bytes], now: float) -> None:
-        """Take all messages of an answer. Raises what ends the mirror."""
+        """Process all messages of an answer. Raises errors that end the mirror."""
         before = self._head
         for each in messages:
             self.take(each, now)
         head = None if self._head is before else self._head
-        # The home was asked after `newest` was heard: if it has less, another program sent that.
+        # The request followed `newest`: if the home has less, another program sent that.
         if head is not None and head.commit < self.newest == self._newest_asked:
             self.newest = head.commit
         self.answered(now)
 
     def take(self, data: bytes, now: float) -> None:
-        """Take a message of the log, or of an answer. Raises what ends the mirror."""
+        """Process a message of the log or of an answer. Raises errors that end the mirror."""
         if data[:FRONT] == self._expected and self._apply_next(data, now):
             return
         try:
@@ -135,7 +135,7 @@ class Receiver:
         self.tick(now)
 
     def _apply_next(self, data: bytes, now: float) -> bool:
-        """Take the commits that are next: the usual case, in which `apply` judges all."""
+        """Apply the next commits: the usual case, in which `apply` checks everything."""
         try:
             position = self._buffer.apply(data, **self._options)
         except TfdbError:
@@ -159,7 +159,7 @@ class Receiver:
         return commits_front(position.epoch)
 
     def answered(self, now: float) -> None:
-        """Take note that the question's answer is complete: maybe nothing came."""
+        """Note that the answer to the request is complete, possibly empty."""
         self._pause = 0.0 if self._asked != self._place() else self._longer()
         self._ask_at = now + self._pause
         self._asked = None
@@ -168,20 +168,20 @@ class Receiver:
         self.tick(now)
 
     def find_home(self, epoch: Epoch, now: float) -> None:
-        """Take note that a home is there."""
+        """Note that a home exists."""
         if epoch >= self.known:
             self._follow(epoch)
             self._heard, self._is_gone = now, False
             self.tick(now)
 
     def lose_home(self, epoch: Epoch, now: float) -> None:
-        """Take note that a home is gone."""
+        """Note that a home has ended."""
         if epoch == self.known:
             self._is_gone = True
             self.tick(now)
 
     def tick(self, now: float) -> None:
-        """Judge the state anew."""
+        """Update the state."""
         state: Kind
         if self._heard == -math.inf:
             state = "absent"
@@ -257,7 +257,7 @@ class Receiver:
             self._expected = None
 
     def _pass_fork(self, head: Head) -> None:
-        """Go on in a later epoch without a state, if its home began exactly at the position."""
+        """Continue in a later epoch without a state, if its home began exactly at the position."""
         position = self.position
         if position is None or not head.begin or self._wants_state:
             return
@@ -268,7 +268,7 @@ class Receiver:
             self._buffer._hand_over(source, "follow", head.epoch, head.begin, position)
         except _ENDS:
             raise
-        except TfdbError as error:  # a state brings it there
+        except TfdbError as error:  # a state leads to it
             self._refuse(error)
             self._wants_state = True
         self._reload_position()
@@ -286,7 +286,7 @@ class Receiver:
             self._apply_waiting()
 
     def _keep(self, message: Commits) -> None:
-        """Keep commits until those before them are there."""
+        """Keep commits until the missing earlier ones arrive."""
         self._waiting.append(message)
         size = sum(len(each.data) for each in self._waiting)
         while size > _MOST_WAITING:
@@ -361,7 +361,7 @@ class Receiver:
         return True
 
     def _refuse(self, error: TfdbError) -> None:
-        """Count what cannot be stored; the log has each cause once."""
+        """Count messages that cannot be stored; log each cause once."""
         self.refused += 1
         if str(error) != self._last_refusal:
             self._last_refusal = str(error)
@@ -390,7 +390,7 @@ class Receiver:
         return self._is_outdated or self._is_behind()
 
     def _place(self) -> tuple[object, ...]:
-        """Where it is: an answer that changes it was of use."""
+        """Its progress: an answer that changes it was useful."""
         return self.known, self.position
 
     def _longer(self) -> float:

@@ -147,7 +147,7 @@ def _checked(allow: Any) -> dict[str, dict[str, Access]]:
 def _common_name(ca: str, cert: str, key: str) -> str:
     """Return the common name of a certificate. Refuses one that the authority did not sign.
 
-    A handshake in memory, with the certificate at both ends, judges it as the network will.
+    A handshake in memory, with the certificate at both ends, validates it like the network.
     """
     server, client = (
         ssl.SSLContext(each) for each in (ssl.PROTOCOL_TLS_SERVER, ssl.PROTOCOL_TLS_CLIENT)
@@ -178,7 +178,7 @@ def _common_name(ca: str, cert: str, key: str) -> str:
 
 
 def _handshake_is_done(end: ssl.SSLObject) -> bool:
-    """Make a step of a handshake; returns whether it is done."""
+    """Make a step of a handshake; return true if it is complete."""
     try:
         end.do_handshake()
     except ssl.SSLWantReadError:
@@ -198,7 +198,7 @@ def _load(what: str, load: Any, *files: str) -> None:
 
 # -- access control --------------------------------------------------------------------------------
 
-# What a router lets pass from and to a mirror, and from and to a home beside that.
+# Keys that a router passes from and to a mirror, and additional ones of a home.
 _LOG, _ASKED, _HOMES, _MIRRORS = "log", "asked", "homes", "mirrors"
 _HOME_STATUS, _MIRROR_STATUS = "home's status", "mirror's status"
 _RULES: dict[Access, list[tuple[str, list[str], list[str]]]] = {

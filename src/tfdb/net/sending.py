@@ -1,4 +1,4 @@
-"""What a home sends: its commits in order, and answers. It knows no network."""
+"""The home's protocol: it sends commits in order, and answers. It does not use the network."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ class Origin(NamedTuple):
     """Where the commits of a home begin."""
 
     previous: Epoch = NONE
-    """The epoch from which it goes on."""
+    """The epoch that it continues."""
     fork: int = 0
     """The commit of that epoch."""
     begin: int = 0
-    """The home's own commit with exactly that state. 0: it had more, or goes on from none."""
+    """Its own commit with exactly that state. 0: it had more data, or continues none."""
 
 
 _NOWHERE = Origin()
@@ -156,7 +156,7 @@ class Sender:
         return self._origin.begin or None if is_at_fork else None
 
     def close(self) -> None:
-        """Let go of what is held for the mirrors."""
+        """Close the snapshot that is held for the mirrors."""
         self._held.close()
         self._target.close()
 

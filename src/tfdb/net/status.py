@@ -1,4 +1,4 @@
-"""What homes and mirrors of a network say of themselves."""
+"""Status of the homes and mirrors of a network."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ State: TypeAlias = Literal[
 
 @dataclass(frozen=True)
 class Status:
-    """What a home or a mirror says of itself. `status` returns it."""
+    """Status of a home or a mirror. `status` returns it."""
 
     name: str
     """The namespace."""
     role: Literal["home", "mirror"]
     owner: str
-    """Tells the mirrors of a namespace apart; empty for a home."""
+    """Identifies a mirror in its namespace; empty for a home."""
     state: State
     """As `Home.state` or `Mirror.state`. `silent`: it is alive, and did not answer in time."""
     epoch: Epoch | None
@@ -49,14 +49,14 @@ class Status:
     commit: int | None
     """The last commit that the home has sent, or the mirror has applied. None: `silent`."""
     lag: int | None
-    """How many commits the home has not sent yet, or the mirror lacks. None: `silent`."""
+    """Number of commits that the home has not sent, or the mirror lacks. None: `silent`."""
     behind: float | None
     """Seconds since a mirror had all that its home has sent; 0 while it is live, absent, or a home.
 
     It is by the mirror's clock alone. A network that is cut counts from the last message.
     """
     stats: HomeStats | MirrorStats | None
-    """What it has done. None: `silent`."""
+    """Its counts. None: `silent`."""
 
 
 def status(

@@ -1,4 +1,4 @@
-"""Zenoh: the one file that knows it."""
+"""The network over Zenoh; no other file uses Zenoh."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
 
 def _close(session: zenoh.Session) -> None:
     """Close a session, also one that does not reach its router."""
-    with suppress(zenoh.ZError):  # it has waited for the network as long as Zenoh allows
+    with suppress(zenoh.ZError):  # Zenoh's own timeout has passed
         session.close()
 
 
@@ -96,7 +96,7 @@ def listeners(config: zenoh.Config) -> list[str]:
 
 
 def _disable_listening(config: zenoh.Config) -> None:
-    """Let a configuration neither listen nor search the network where it does not say so.
+    """Disable listening and scouting in a configuration, unless it sets them.
 
     Nor does it use Zenoh's shared memory: a process that is stopped for 0.1 s would lose a state,
     and one that is killed would leave 16 MiB.
@@ -190,7 +190,7 @@ class ZenohLink:
             for message in answer(question):
                 self._call(query.reply, query.key_expr, message)
         except (ValueError, zenoh.ZError):
-            return  # the question is not a mirror's, or the mirror is gone
+            return  # the request is not a mirror's, or the mirror has ended
         finally:
             query.drop()
             self._waiting.release()
@@ -341,7 +341,7 @@ def _token(sample: zenoh.Sample) -> Token | None:
 
 
 class _Declared:
-    """What was declared of Zenoh."""
+    """A declaration of Zenoh."""
 
     def __init__(self, call: Callable[..., Any], *parts: Declared) -> None:
         self._call, self._parts = call, parts

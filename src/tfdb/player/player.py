@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 SOURCE = "tfdb play"
 """The source of what is played, in `Buffer.positions()`."""
 
-_LOOK = 0.02  # seconds between two looks for orders
+_LOOK = 0.02  # seconds between two checks for orders
 _REVERSE_RATE = 30  # steps per second
-_LAG = NS  # of a player that is late: beyond, a clock that is set ahead is a jump
+_LAG = NS  # greatest delay of a player; beyond it, a clock set ahead is a jump
 _STEP = NS // 1000  # between two rounds, where the recording has one message
-_TIMES = 1 << 16  # of messages that a step back can go to
+_TIMES = 1 << 16  # messages that a step back can reach
 _BATCH = 4096  # messages that a jump stores at once
 _TAKEN_OVER = "another player took over the store"
 _KEPT_EVERY = 1000
@@ -44,8 +44,8 @@ class Player:
     """Plays recordings into a store, at the pace of the store's clock.
 
     The tape is stored in a private store, of which the other is a copy (`Buffer.apply`). So a
-    message is one commit. A jump is one commit, too: it replaces what was played by the history
-    before that moment. Other writers' frames stay.
+    message is one commit. A jump is one commit as well: it replaces the played samples by the
+    history before the new time. Other writers' frames stay.
 
     The clock shows the time of reception. A process that sets it moves the player: it
     pauses, changes its speed or jumps.
@@ -75,7 +75,7 @@ class Player:
         self._speed, self._loop = speed, loop
         self._keeps_stamps = keep_stamps or not tape.shifts
         self._begins_paused = paused
-        self._has_clock = math.isfinite(speed)  # else nothing waits
+        self._has_clock = math.isfinite(speed)  # otherwise it plays without pauses
         self._played = tape.begin(self._history)
         self._held = self._played.snapshot()  # the other store is a copy of it
         self._applied: Position | None = None
@@ -84,14 +84,14 @@ class Player:
         self._parts: Iterator[Part] = iter(())
         self._states: list[tuple[int, bytes]] = []  # by the reception of their last message
         self._every = _KEPT_EVERY
-        self._since_kept = 0  # messages that were read behind the last of these states
+        self._since_kept = 0  # messages that were read after the last of these states
         self._read = -1  # when the last message in `_played` was received
         self._next: int | None = None  # when the next message was received; None: not read yet
         self._position = -1  # when the last one was
         self._times: deque[int] = deque(maxlen=_TIMES)  # of messages up to the position
         self._count = 0  # of messages in this round
         self._first: int | None = None
-        self._settings = 0  # of the clock, that were followed
+        self._settings = 0  # clock settings that were followed
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._has_ended = False
         self._reversed: tuple[float, int] | None = None  # since when, from which position
@@ -110,18 +110,18 @@ class Player:
     # -- from any thread --------------------------------------------------------------------------
 
     def pause(self) -> None:
-        """Stand still, or go on."""
+        """Pause or resume."""
         if self._clock.paused:
             self._clock.resume()
         else:
             self._clock.pause()
 
     def set_speed(self, speed: float) -> None:
-        """Play so many times as fast as recorded."""
+        """Set the speed, as a multiple of the recorded one."""
         self._clock.speed = speed
 
     def change_speed(self, factor: float) -> None:
-        """Play so many times as fast as now."""
+        """Multiply the speed."""
         self._clock.speed = self._clock.speed * factor
 
     def seek(self, seconds: float) -> None:
@@ -129,7 +129,7 @@ class Player:
         self._orders.put(lambda: self._jump_to((self._first or 0) + _nanoseconds(seconds)))
 
     def seek_by(self, seconds: float) -> None:
-        """Jump forth or back."""
+        """Jump forward or back."""
         now = self._clock.now
         self._orders.put(lambda: self._jump_to(now() - self.shift + _nanoseconds(seconds)))
 

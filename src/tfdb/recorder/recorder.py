@@ -53,12 +53,12 @@ class _Item(NamedTuple):
 
     time: int
     last: int
-    """The last commit that it says all of."""
+    """The last commit that it covers."""
     messages: list[Messages]
     size: int
     is_state: bool = False
     lost: int = 0
-    """How many commits before a state were not recorded."""
+    """Number of commits before a state that were not recorded."""
 
 
 class Recorder(Closable):
@@ -156,7 +156,7 @@ class Recorder(Closable):
         self._watch = self._buffer.watch((), every=True)
         self._held = self._buffer.snapshot()
         try:
-            self._watch.next(self._held.commit, 0)  # it looks from its first call on
+            self._watch.next(self._held.commit, 0)  # the first call registers the watch
             self._position = self._since = self._held.commit
             first = self._state(0)
             self._file = self._open()
@@ -181,12 +181,12 @@ class Recorder(Closable):
 
     @property
     def commits(self) -> int:
-        """How many commits were recorded."""
+        """Number of recorded commits."""
         return self._commits
 
     @property
     def lost(self) -> int:
-        """How many commits were not recorded, for they came faster than the disk takes them."""
+        """Number of commits that were not recorded, because the disk was too slow."""
         return self._lost
 
     @property
@@ -220,7 +220,7 @@ class Recorder(Closable):
         return self._flushed
 
     def close(self) -> None:
-        """Record the commits that were made before, and end the file.
+        """Record all earlier commits, and end the file.
 
         Raises the error that ended the recording: of the disk, OSError; what the buffer raised.
         What was read until then is in the file.
@@ -273,7 +273,7 @@ class Recorder(Closable):
         try:
             self._watch.next(self._position, _LOOK, limit=1)
         except (FeedLapped, WatchClosed):
-            return  # the next read goes on from there
+            return  # the next read continues from there
         except NoSuchStore as error:  # what was committed before can still be read
             self._fail(error)
 
@@ -301,7 +301,7 @@ class Recorder(Closable):
         self._held = taken
 
     def _lose(self) -> None:
-        """Go on from the newest state, once there is room for it."""
+        """Continue from the newest state, once the queue has room."""
         with self._changed:
             self._changed.wait_for(lambda: 2 * self._queued <= self._limit or self._ended.is_set())
         self._held.close()
@@ -385,7 +385,7 @@ class Recorder(Closable):
         self._flushed = self._last
 
     def _is_awaited(self) -> bool:
-        """Whether `flush` waits for what was written."""
+        """Whether `flush` waits for the disk."""
         return self._flushed < self._awaited <= self._last
 
     def _record(self, item: _Item) -> None:

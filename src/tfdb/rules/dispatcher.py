@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 LOGGER = logging.getLogger("tfdb.rules")
-_COMMITS = 256  # that are evaluated before rules may come and go
-_RENEWED = 1.0  # seconds: the held snapshot keeps no more than this of frames without rules
+_COMMITS = 256  # evaluated before rules can be added or removed
+_RENEWED = 1.0  # seconds: frames without rules keep at most this much data
 
 
 class Dispatcher:
     """Evaluates the rules of one buffer, in the order of commits.
 
-    The lock guards what comes and goes. No predicate and no action runs under it. Threads run, and
+    The lock guards the installed rules. No predicate and no action runs under it. Threads run, and
     keep the buffer, only while rules are installed.
     """
 
@@ -66,9 +66,9 @@ class Dispatcher:
         self.ended: bool = False
 
     def add(self, rule: Rule) -> None:
-        """Install a rule: it is evaluated on the commits that follow."""
+        """Install a rule, which is evaluated on later commits."""
         frames, pairs, every = _watched([rule])
-        # This refuses what the buffer cannot watch.
+        # This raises for frames that the buffer cannot watch.
         self._buffer.watch(frames, pairs, every=every).close()
         for pair in pairs:
             with suppress(*NO_ANSWER_YET):
@@ -89,7 +89,7 @@ class Dispatcher:
                 self._thread.start()
 
     def remove(self, rule: Rule) -> None:
-        """End a rule: no action of it begins any more."""
+        """End a rule: none of its actions begins afterwards."""
         with self._lock:
             if rule.removed:
                 return
@@ -124,7 +124,7 @@ class Dispatcher:
             return evaluated and self.pool.drain(0)
 
     def report(self, rule: Rule, event: Event | None, error: BaseException) -> None:
-        """Log and count what a predicate (no event) or an action raised."""
+        """Log and count an exception of a predicate (no event) or an action."""
         self.pool.count(rule, exceptions=1)
         what = "predicate" if event is None else "action"
         LOGGER.error("the %s of rule %r raised", what, rule.name, exc_info=error)
@@ -135,12 +135,12 @@ class Dispatcher:
                 LOGGER.exception("on_error raised")
 
     def wake(self) -> None:
-        """Let the thread look at what was set."""
+        """Wake the thread to apply new settings."""
         with self._lock:
             self._change()
 
     def abandon(self) -> None:
-        """Forget all rules: in a child of fork, whose threads are gone."""
+        """Remove all rules in a child of fork, which has no other threads."""
         for rule in self.rules:
             rule._remove = None
 
@@ -210,7 +210,7 @@ class Dispatcher:
         return True
 
     def _move(self, position: int, taken: Snapshot) -> None:
-        """Go on behind a commit. `taken`: a snapshot, held from now on unless it is newer."""
+        """Continue after a commit. `taken`: a snapshot to hold, unless it is newer."""
         with self._lock:
             self._position = position
             if taken.commit > position:
@@ -222,7 +222,7 @@ class Dispatcher:
         self.pool.forget_chains(position)
 
     def _patience(self) -> float:
-        """Log the figures if it is time. Return the seconds for which the thread may sleep."""
+        """Log the counts when due. Return the seconds for which the thread may sleep."""
         if self.log_interval is None:
             return _RENEWED
         left = self._logged + self.log_interval - time.monotonic()
@@ -235,7 +235,7 @@ class Dispatcher:
         return min(self.log_interval, _RENEWED)
 
     def _renewed(self) -> Watch | None:
-        """Let rules come and go. Return the watch of all; None: there are none."""
+        """Add and remove rules. Return the watch of all rules; None without rules."""
         with self._lock:
             if not self.rules:
                 self._stop()
@@ -253,7 +253,7 @@ class Dispatcher:
             self._rewind(joining)
             watch = self._watch
         for rule, start in joining:
-            # A condition of which the state is lost was not True.
+            # A condition with a lost state counts as not True.
             with start, suppress(SnapshotTooOld):
                 for subject in rule.on:
                     if isinstance(subject, tuple):
@@ -300,7 +300,7 @@ class Dispatcher:
         return found[0] if found and found[0].commit == commit else None
 
     def _evaluate_newest(self, newest: Snapshot) -> None:
-        """Evaluate all rules on the newest state: those before are lost.
+        """Evaluate all rules on the newest state, because earlier ones are lost.
 
         A condition of frames needs the commits. A rule of frames without a condition fires.
         """
@@ -335,7 +335,7 @@ class Dispatcher:
         missing = isinstance(subject, tuple) and answer is None
         try:
             truth = not missing and (rule._when is None or bool(rule._when(value)))
-        except BaseException as error:  # an exit or Ctrl-C is not this thread's to obey
+        except BaseException as error:  # the main thread handles an exit or Ctrl-C
             self.report(rule, None, error)
             return
         was, before = rule._truths.get(subject, False), rule._answers.get(subject)

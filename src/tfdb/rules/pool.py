@@ -1,4 +1,4 @@
-"""Threads that run the actions of rules, each rule's and each series' one at a time."""
+"""Threads that run the actions of rules, one at a time for each rule and each series."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Pool:
         self._total = total
         self._report = report
         self.lock: threading.Condition = threading.Condition()
-        self._committing: set[Event] = set()  # whose commit may be seen before `_chains` has it
+        self._committing: set[Event] = set()  # their commits may be seen before `_chains` has them
         self._chains: dict[int, tuple[str, ...]] = {}  # by commit, the rules that led to it
         self._lanes: dict[object, _Lane] = {}
         self._waiting: defaultdict[Rule, list[Event]] = defaultdict(list)
@@ -55,11 +55,11 @@ class Pool:
 
     @property
     def threads(self) -> int:
-        """How many actions run at once."""
+        """Number of actions that run at once."""
         return self._wanted
 
     def resize(self, threads: int) -> None:
-        """Run so many actions at once from now on."""
+        """Set the number of actions that run at once."""
         with self.lock:
             self._wanted = threads
             for _ in self._ready:
@@ -71,14 +71,14 @@ class Pool:
         return hasattr(self._local, "works")
 
     def count(self, rule: Rule, **figures: int) -> None:
-        """Add to figures of a rule, and of all rules."""
+        """Add to the counts of a rule, and of all rules."""
         with self.lock:
             for stats in (rule.stats, self._total):
                 for name, by in figures.items():
                     setattr(stats, name, getattr(stats, name) + by)
 
     def schedule(self, event: Event) -> None:
-        """Put an event behind those of its lane."""
+        """Append an event to its lane."""
         rule = event.rule
         with self.lock:
             if self._ended or rule.removed:
@@ -110,13 +110,13 @@ class Pool:
                 self._make_ready(lane, event._due)
 
     def forget(self, rule: Rule) -> None:
-        """Give up a rule's events that have not begun. The lock is held."""
+        """Discard a rule's events that have not begun. The lock is held."""
         for event in tuple(self._waiting[rule]):
             self._discard(event)
             self.count(rule, dropped=1)
         del self._waiting[rule]
         self._lanes.pop(rule, None)
-        # Lanes do not wait until the time of an event that was given up.
+        # Lanes do not wait for the time of a discarded event.
         self._ready = [
             (0.0 if lane.events[0]._dropped else due, order, lane)
             for due, order, lane in self._ready
@@ -145,7 +145,7 @@ class Pool:
             return self.lock.wait_for(lambda: not self._ready and self._running == 0, timeout)
 
     def end(self) -> None:
-        """Run nothing any more."""
+        """Stop running actions."""
         with self.lock:
             self._ended = True
             for _, _, lane in self._ready:
@@ -155,7 +155,7 @@ class Pool:
             self.lock.notify_all()
 
     def rest(self) -> None:
-        """Let the threads end, until the next event comes: no rule is installed."""
+        """Let the threads end until the next event, because no rule is installed."""
         with self.lock:
             self._rests = True
             self.lock.notify_all()
@@ -170,16 +170,16 @@ class Pool:
         heapq.heappush(self._ready, (due, next(self._order), lane))
         self._rests = False
         self._start_thread()
-        self.lock.notify_all()  # others than workers wait for it as well
+        self.lock.notify_all()  # threads other than workers wait for it as well
 
     def _start_thread(self) -> None:
-        """Start another thread, unless those that are idle suffice."""
+        """Start another thread, unless the idle ones suffice."""
         if self._idle < len(self._ready) and self._threads < self._wanted:
             self._threads += 1
             threading.Thread(target=self._work, name="tfdb rules", daemon=True).start()
 
     def _discard(self, event: Event) -> None:
-        """An event that waits is not run."""
+        """Discard a waiting event."""
         self._waiting[event.rule].remove(event)
         self.count(event.rule, pending=-1)
         self._drop(event)
@@ -253,7 +253,7 @@ class Pool:
             else:
                 self.count(rule, invoked=1)
                 rule._action(event)
-        except BaseException as error:  # an exit or Ctrl-C is not this thread's to obey
+        except BaseException as error:  # the main thread handles an exit or Ctrl-C
             self._report(rule, event, error)
         seconds = time.monotonic() - began
         with self.lock:
@@ -283,7 +283,7 @@ class Pool:
             self._note(event)
 
     def _note(self, event: Event, commit: int | None = None) -> None:
-        """An action of the event commits nothing any more, or has made this commit."""
+        """Note that an action of the event made this commit, or that it can commit no more."""
         with self.lock:
             if commit is not None:
                 self._chains[commit] = (*event.chain, event.rule.name)

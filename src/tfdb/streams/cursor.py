@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 Lapped: TypeAlias = Literal["raise", "skip"]
-_RENEWED = 1.0  # seconds: a held snapshot keeps no more than this of frames that are not followed
+_RENEWED = 1.0  # seconds: frames that are not followed keep at most this much data
 
 
 class Cursor(Reader[Item]):
@@ -64,12 +64,12 @@ class Cursor(Reader[Item]):
         self._missed = 0
         self._lock = threading.Lock()
         self._ended = False
-        self._closing = threading.Event()  # wakes who waits
+        self._closing = threading.Event()  # wakes waiting threads
         self._ends: set[Callable[[], None]] = set()  # of asynchronous waits
         try:
             self._watch: Watch | None = watch()
             with suppress(FeedLapped):  # the first read raises it
-                self._watch.next(self._position, 0, limit=1)  # it looks from its first call on
+                self._watch.next(self._position, 0, limit=1)  # the first call registers the watch
         except NotSupported as error:
             self._watch = None
             text = (
@@ -80,17 +80,17 @@ class Cursor(Reader[Item]):
 
     @property
     def commit(self) -> int:
-        """The last commit of which everything was read: `follow(since=...)` goes on from it."""
+        """The last commit that was read completely; `follow(since=...)` continues from it."""
         return self._position
 
     @property
     def missed(self) -> int:
-        """How many commits left the feed before they were read."""
+        """Number of commits that left the feed before they were read."""
         return self._missed
 
     @property
     def gone(self) -> int:
-        """How many samples, or states of a pair, left the store before they were read."""
+        """Number of samples, or states of a pair, that left the store before they were read."""
         return self._gone
 
     @property
@@ -201,7 +201,7 @@ class Cursor(Reader[Item]):
         return False
 
     def _skip(self, error: FeedLapped, *, quietly: bool = False) -> None:
-        """Go on behind the commits that the feed has no more. Raises the error unless `quietly`."""
+        """Skip commits that left the feed. Raises the error unless `quietly`."""
         next_one = self._position if error.commit is None else error.commit
         self._missed += next_one - self._position
         self._position = next_one
@@ -232,7 +232,7 @@ os.register_at_fork(after_in_child=_close_in_child)
 
 
 def commit_of(since: object, newest: int) -> int:
-    """Check the number of a commit that a stream goes on from."""
+    """Check the number of the commit from which a stream continues."""
     if isinstance(since, str):
         more = f"a commit number from 0 to {newest}"
         raise InvalidArgument(not_one_of("since", since, ("held",), more), value=since)

@@ -19,11 +19,11 @@ Item = TypeVar("Item")
 
 
 class Reader(Closable, ABC, Generic[Item]):
-    """Gives items one after the other, by `for` and `async for`; a context manager."""
+    """Iterates over items, by `for` and `async for`; a context manager."""
 
     @abstractmethod
     def read_next(self, *, timeout: float | None = 0) -> Item | None:
-        """Read the next item. None: it is not there yet."""
+        """Read the next item. None: it does not exist yet."""
 
     @abstractmethod
     def close(self) -> None:

@@ -34,8 +34,8 @@ __all__ = ["Stream"]
 _COMMITS = 4096  # that are read at once, at most
 _BYTES = 1 << 20
 _RECORDS = 64
-_GATHERS = 0.001  # seconds: so long do waits rest between two looks as well
-_QUICK = 8  # reads in a row that do not wait for more to come
+_GATHERS = 0.001  # seconds: also the pause of waits between two checks
+_QUICK = 8  # consecutive reads without a wait for more commits
 
 
 class Stream(StreamRows, Cursor["Sample"]):
@@ -88,7 +88,7 @@ class Stream(StreamRows, Cursor["Sample"]):
 
     @property
     def commit(self) -> int:
-        """The last commit of which everything was read: `follow(since=...)` goes on from it."""
+        """The last commit that was read completely; `follow(since=...)` continues from it."""
         if self._unread:
             return int(self._rows.commits[self._next]) - 1
         return self._records[0].commit - 1 if self._records else self._position
@@ -265,7 +265,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         return iter(lambda: self._batch(most, longest), None)
 
     def changes(self) -> Iterator[Changes]:
-        """Iterate over whole commits, as `Buffer.changes` tells them.
+        """Iterate over whole commits, as `Buffer.changes` returns them.
 
         After FeedLapped the same iterator goes on; it ends when the stream is closed. Of a commit
         that was read in part, the rest is skipped. What a stream `since="held"` found comes as
@@ -287,7 +287,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         return self._sample(self._next - 1)
 
     def _next_slowly(self) -> Sample:
-        """Implements `__next__` where no row is unread, or another thread reads."""
+        """Implements `__next__` if all rows are read, or another thread reads."""
         return Cursor.__next__(self)
 
     def _keep(self, rows: Rows, row: int) -> None:
@@ -296,7 +296,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         self._rows, self._next = rows, row
 
     def _append(self, rows: Rows) -> None:
-        """Put rows behind those that are unread, and forget the others."""
+        """Append rows to the unread ones, and drop the read ones."""
         if self._separation is not None:
             rows = self._separated(rows, self._separation)
         if not len(rows):
@@ -309,7 +309,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         self._read_at = now
 
     def _gather(self) -> None:
-        """Let commits that keep coming without a pause gather: they are read together."""
+        """Wait during a continuous series of commits, to read them together."""
         if self._quick >= _QUICK and (left := self._read_at + _GATHERS - time.monotonic()) > 0:
             time.sleep(left)
 
@@ -323,7 +323,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         return rows if kept.all() else rows.chosen(kept)
 
     def _read_rows(self) -> bool:
-        """Put the next rows behind the unread ones. False: there are none of these frames."""
+        """Append the next rows to the unread ones. False: the frames have none."""
         if self._records:
             self._position = self._records[0].commit - 1
             self._records.clear()
@@ -351,13 +351,13 @@ class Stream(StreamRows, Cursor["Sample"]):
         return bool(self._records)
 
     def _drain(self) -> bool:
-        """Read up to the newest commit. False: nothing is unread."""
+        """Read up to the newest commit. False: all rows were read."""
         while self._more(self._read_rows, quietly=True):
             self._next = len(self._rows) - 1
         return self._unread > 0
 
     def _earlier(self) -> bool:
-        """Put rows before those that are there. False: the feed has none any more."""
+        """Insert earlier rows. False: the feed no longer has them."""
         last = int(self._rows.commits[0]) if len(self._rows) else self._position
         known = int((self._rows.commits == last).sum())
         while last > self._floor:
