@@ -15,7 +15,7 @@ import pytest
 import tfdb
 from ros import ros2
 from ros.commands import Command, tfdb_says
-from ros.hearing import LIMIT, TF, Heard, S, message
+from ros.hearing import LIMIT, TF, Heard, S, message, published_until_heard
 from ros.routers import free_endpoint, overriding, router_at
 
 if TYPE_CHECKING:
@@ -444,6 +444,40 @@ def test_the_command_for_ros1(ros1: str, new_store: Callable[[str], tfdb.Buffer]
         told = json.loads(said)
         assert (code, told["command"], told["origin"]) == (130, "bridge ros1", "yard")
         assert (told["received"], told["sent_static"], told["commits"]) == (1, 1, 1)
+
+
+@pytest.mark.skipif(not is_there("zenoh") and "CI" not in os.environ, reason="no eclipse-zenoh")
+def test_a_burst_that_waits_is_stored_whole(zenoh_router: str) -> None:
+    from tfdb.bridge import Bridge
+    from tfdb.ros import ZenohNode
+
+    is_stored, count = threading.Event(), 300
+
+    class Slow(ZenohNode):
+        """Its bridge stores nothing before `is_stored`."""
+
+        def subscribe(self, topic: str, kind: str, on_message: Any, **options: Any) -> Any:
+            def wait(data: bytes, publisher: str) -> None:
+                assert is_stored.wait(LIMIT)
+                on_message(data, publisher)
+
+            return super().subscribe(topic, kind, wait if topic == "/tf" else on_message, **options)
+
+    store, arrived = tfdb.Buffer(history=None), Heard()
+    with Slow("bridge", domain=7, arguments=[]) as at, node("zenoh", "peer", 7) as peer:
+        at.subscribe("/end", TF, arrived)
+        sender, end = peer.advertise("/tf", TF), peer.advertise("/end", TF)
+        with Bridge(store, at) as bridge:
+            published_until_heard(end, arrived, message(0))  # routes of the two nodes are there
+            for number in range(count):
+                sender.publish(message(number, stamp=5 * S + number))
+            end.publish(message(1))
+            while arrived.next()[0] != message(1):  # behind all of the burst
+                pass
+            is_stored.set()
+            arrive(store, "base", count - 1)
+            assert bridge.stats.received == count
+            assert store.commit == count
 
 
 def is_from_graph(store: tfdb.Buffer, child: str) -> bool:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Bridge", "check_origin"]
 
+_WAITING = 1000
+"""Messages of a topic that may wait: bursts are longer where several graphs meet."""
 _ORIGIN = re.compile(r"[^/\s]+(?:://[^/\s]+)?")
 """A name, or one with a URI as ROS 1's: another `/` would end it in an authority."""
 
@@ -175,7 +177,7 @@ class _Listener(tf2.TransformListener):
     def __init__(self, buffer: tf2.Buffer, node: Node, origin: str) -> None:
         self._origin = origin
         self.received = 0
-        super().__init__(buffer, node)
+        super().__init__(buffer, node, queue_size=_WAITING)
 
     def _taker(self, node: Node, topic: str, *, static: bool) -> Any:
         take = super()._taker(node, topic, static=static)
