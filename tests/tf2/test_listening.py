@@ -13,6 +13,7 @@ from tf2.loopback import Graph, LoopbackNode
 from tf2.ours import Records, message, plain
 from tfdb import tf2
 from tfdb.tf2 import msgs
+from tfdb.tf2.phrases import bad_frame
 
 SECOND = 1_000_000_000
 POSE = [1.0, 2.0, 3.0, 0.0, 0.6, 0.0, 0.8]
@@ -484,3 +485,10 @@ def test_a_transform_without_a_stamp_costs_its_own(
         "the stamp of T['map'<-'gear'] from '/robot' was refused: 1000000000 nanoseconds are a "
         "second or more",
     ]
+
+
+def test_the_log_cuts_long_names() -> None:
+    text = bad_frame("/robot", "map", "n" * 5000)
+    assert "'map'" in text
+    assert "nnn..." in text
+    assert len(text) < 300

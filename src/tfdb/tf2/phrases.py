@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from tfdb.data.stamps import shown
+
 if TYPE_CHECKING:
     from tfdb.ros.times import Flavor
 
@@ -191,6 +193,6 @@ def bad_stamp(authority: str, child: str, stamp: int) -> str:
 def bad_frame(authority: str, parent: str, child: str) -> str:
     """Log text for an invalid name; tf2 stores it."""
     return (
-        f"TF_BAD_FRAME_ID: Ignoring transform with frame_id {parent!r} and child_frame_id "
-        f'{child!r} from authority "{authority}" because of control characters or its length'
+        f"TF_BAD_FRAME_ID: Ignoring transform with frame_id {shown(parent)} and child_frame_id "
+        f'{shown(child)} from authority "{authority}" because of control characters or its length'
     )
