@@ -83,14 +83,14 @@ private:
                 const CommitNumber commit = in.commit(i);
                 if (commit > since_ && commit >= newest && commit != SlotWord::kNever) {
                     newest = commit;
-                    found = judge(in, k, i);
+                    found = describe(in, k, i);
                 }
             }
         }
     }
 
-    [[nodiscard]] EdgeChange judge(const Segment<Memory>& in, std::uint64_t k,
-                                   std::uint64_t index) const {
+    [[nodiscard]] EdgeChange describe(const Segment<Memory>& in, std::uint64_t k,
+                                      std::uint64_t index) const {
         const StampNs stamp = in.stamp(index);
         if (stamp == kStaticStamp)
             return {Change::kStatic, kNoStamp};

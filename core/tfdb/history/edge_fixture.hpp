@@ -50,7 +50,7 @@ public:
         const std::uint64_t before = memory_.looks;
         CHECK(open(snapshot, view) && view.extent(extent) && view.confirm());
         const std::uint64_t looks = memory_.looks - before;
-        judge(extent, visible(snapshot));
+        compare(extent, visible(snapshot));
         return looks;
     }
     /// The number of words read to find a snapshot's samples around a stamp, which it checks.
@@ -104,11 +104,12 @@ public:
         }
         const auto& expected = visible(snapshot);
         const auto after = expected.upper_bound(stamp);
-        judge(view, around.after, after == expected.end() ? nullptr : &after->second);
-        judge(view, around.before, after == expected.begin() ? nullptr : &std::prev(after)->second);
-        judge(view, view.newest(), expected.empty() ? nullptr : &expected.rbegin()->second);
-        judge(view, oldest, expected.empty() ? nullptr : &expected.begin()->second);
-        judge(extent, expected);
+        compare(view, around.after, after == expected.end() ? nullptr : &after->second);
+        compare(view, around.before,
+                after == expected.begin() ? nullptr : &std::prev(after)->second);
+        compare(view, view.newest(), expected.empty() ? nullptr : &expected.rbegin()->second);
+        compare(view, oldest, expected.empty() ? nullptr : &expected.begin()->second);
+        compare(extent, expected);
         return true;
     }
     /// The newest state always answers, for every stamp near a visible sample.
@@ -124,7 +125,7 @@ public:
         }
         CHECK_EQ(view.is_static(), expected != nullptr);
         if (expected != nullptr)
-            judge(view, view.newest(), expected);
+            compare(view, view.newest(), expected);
     }
 
 private:
@@ -188,7 +189,7 @@ private:
         return found;
     }
 
-    static void judge(const Extent& extent, const std::map<StampNs, Entry>& expected) {
+    static void compare(const Extent& extent, const std::map<StampNs, Entry>& expected) {
         Extent wanted;
         wanted.samples = expected.size();
         StampNs before = expected.empty() ? kNoStamp : expected.begin()->first;
@@ -199,7 +200,7 @@ private:
         }
         CHECK(extent == wanted);
     }
-    static void judge(const View& view, const SampleAt& sample, const Entry* expected) {
+    static void compare(const View& view, const SampleAt& sample, const Entry* expected) {
         CHECK_EQ(!sample, expected == nullptr);
         if (!sample || expected == nullptr)
             return;

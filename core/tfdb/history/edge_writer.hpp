@@ -180,7 +180,7 @@ public:
     }
     void put(const NewSample<Memory>& sample, CommitNumber commit) {
         store_sample(memory_, into_, end_, sample, commit);
-        took(commit);
+        extend(commit);
     }
     void copy(const Segment<Memory>& from, std::uint64_t index) {
         const Offset source = from.slot(index);
@@ -190,11 +190,11 @@ public:
                 .store_relaxed(memory_.word(source + 8 * Offset{i}).load_relaxed());
         }
         memory_.word(into_.stamp_offset(end_)).store_relaxed(as_word(from.stamp(index)));
-        took(from.commit(index));
+        extend(from.commit(index));
     }
 
 private:
-    void took(CommitNumber commit) {
+    void extend(CommitNumber commit) {
         ++end_;
         if (commit < least_)
             into_.meta(kLeast).store_relaxed(least_ = commit);

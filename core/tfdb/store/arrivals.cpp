@@ -9,10 +9,10 @@ Arrivals::Arrivals(bool with_store) {
         store_.emplace(options);
 }
 
-void Arrivals::judge(std::span<const wire::TransformView> members, bool is_static) {
+void Arrivals::validate(std::span<const wire::TransformView> members, bool is_static) {
     is_kept_.assign(members.size(), true);
     if (store_)
-        return judge_by_store(members, is_static);
+        return validate_by_store(members, is_static);
     for (std::size_t i = 0; i < members.size(); ++i) {
         const EdgeSurvey::Verdict verdict = survey_.add(members[i], is_static);
         is_kept_[i] = verdict == EdgeSurvey::Verdict::kStored;
@@ -21,7 +21,7 @@ void Arrivals::judge(std::span<const wire::TransformView> members, bool is_stati
     }
 }
 
-void Arrivals::judge_by_store(std::span<const wire::TransformView> members, bool is_static) {
+void Arrivals::validate_by_store(std::span<const wire::TransformView> members, bool is_static) {
     const WriteResult result =
         store_->write({.transforms = members, .is_static = is_static, .partial = true});
     for (const RefusedMember& each : result.refused) {

@@ -47,7 +47,7 @@ public:
     /// members.
     template <class Keep>
     void add(std::span<const wire::TransformView> members, const Message& message, Keep keep) {
-        judge(members, message.is_static);
+        validate(members, message.is_static);
         const std::int64_t publisher = id(message.publisher);
         for (std::size_t i = 0; i < members.size(); ++i) {
             if (!is_kept_[i])
@@ -57,7 +57,7 @@ public:
         }
     }
     /// Stores static transforms that have no arrival.
-    void hold(std::span<const wire::TransformView> members) { judge(members, true); }
+    void hold(std::span<const wire::TransformView> members) { validate(members, true); }
 
     /// False: the result may differ from a store's; a store is needed.
     [[nodiscard]] bool is_right() const { return store_ || survey_.is_tree(); }
@@ -70,8 +70,8 @@ public:
     [[nodiscard]] std::map<std::string, Columns, std::less<>>& columns() { return columns_; }
 
 private:
-    void judge(std::span<const wire::TransformView> members, bool is_static);
-    void judge_by_store(std::span<const wire::TransformView> members, bool is_static);
+    void validate(std::span<const wire::TransformView> members, bool is_static);
+    void validate_by_store(std::span<const wire::TransformView> members, bool is_static);
     void append(const wire::TransformView& member, const Message& message, std::int64_t publisher);
     std::int64_t id(std::string_view name);
 

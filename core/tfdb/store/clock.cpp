@@ -93,7 +93,7 @@ std::uint64_t Clock::settings() const {
 
 bool Clock::sleep_until(StampNs stamp, std::optional<std::int64_t> timeout_ns,
                         std::optional<std::uint64_t> settings) const {
-    const store::Patience patience(timeout_ns);
+    const store::Deadline deadline(timeout_ns);
     sync::EventCount event(store_->clock_event);
     const std::uint64_t removals = store_->removals();
     for (;;) {
@@ -107,7 +107,7 @@ bool Clock::sleep_until(StampNs stamp, std::optional<std::int64_t> timeout_ns,
         const std::int64_t left = left_until(stamp, setting());
         if (left <= 0)
             return true;
-        const std::int64_t longest = std::min(patience.left(), kLongestSleepNs);
+        const std::int64_t longest = std::min(deadline.left(), kLongestSleepNs);
         if (longest <= 0)
             return false;
         (void)event.sleep(armed, std::min(left, longest));

@@ -156,8 +156,8 @@ private:
                                                  StampNs stamp, Policy policy, std::size_t state,
                                                  bool inverted, Reply& reply, Pose& pose) const;
     [[nodiscard]] Use use_of(int frame, const Choice& choice, bool inverted) const;
-    [[nodiscard]] ErrorDetail blame(int frame, const Choice& choice, StampNs stamp, Policy policy,
-                                    std::size_t state) const;
+    [[nodiscard]] ErrorDetail error_detail(int frame, const Choice& choice, StampNs stamp,
+                                           Policy policy, std::size_t state) const;
     [[nodiscard]] static int meet(const std::vector<int>& a, const std::vector<int>& b);
     [[nodiscard]] std::optional<StampNs> common_time(std::size_t state, int target,
                                                      int source) const;
@@ -354,7 +354,7 @@ inline std::optional<ErrorCode> Model::climb(const std::vector<int>& chain, int 
             break;
         const Choice c = choose(at, stamp, policy, state);
         if (c.refused) {
-            reply.detail = blame(at, c, stamp, policy, state);
+            reply.detail = error_detail(at, c, stamp, policy, state);
             return c.refused;
         }
         reply.edges.push_back(use_of(at, c, inverted));
@@ -375,8 +375,8 @@ inline Use Model::use_of(int frame, const Choice& c, bool inverted) const {
     return use;
 }
 
-inline ErrorDetail Model::blame(int frame, const Choice& c, StampNs stamp, Policy policy,
-                                std::size_t state) const {
+inline ErrorDetail Model::error_detail(int frame, const Choice& c, StampNs stamp, Policy policy,
+                                       std::size_t state) const {
     const Samples& samples = visible(frame, state);
     const auto later = std::upper_bound(samples.begin(), samples.end(), stamp,
                                         [](StampNs t, const Sample* s) { return t < s->stamp; });

@@ -151,7 +151,7 @@ Waits& Store::waits() const {
     return waits_here.compare_exchange(found, made.get()) ? *made.release() : *found;
 }
 
-std::uint64_t Store::look_around(std::uint64_t home) const {
+std::uint64_t Store::check_locks_at_fork(std::uint64_t home) const {
     std::uint64_t judged = sync::forks() << kForksShift;
     if (lock.in_use() || authorities.in_use() || (engine != nullptr && engine->in_use()))
         judged |= kOrphan;
@@ -172,7 +172,7 @@ void Store::throw_orphaned() const {
 }
 
 std::string Store::author_name(std::uint64_t number) const {
-    if ((whereabouts() & kNamesLost) != 0)
+    if ((fork_state() & kNamesLost) != 0)
         throw_orphaned();
     return authorities.name(number);
 }

@@ -131,7 +131,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     /// Throws Forked if the store is an orphan: this process was forked while a thread was active
     /// in the store. That thread does not exist here, so its locks stay taken.
     void check_not_orphaned() const {
-        if ((whereabouts() & kOrphan) != 0) [[unlikely]]
+        if ((fork_state() & kOrphan) != 0) [[unlikely]]
             throw_orphaned();
     }
 
@@ -158,11 +158,11 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
 
     /// Flags of this process's copy after a fork. The first caller sets them: no thread has taken a
     /// lock here before.
-    [[nodiscard]] std::uint64_t whereabouts() const {
+    [[nodiscard]] std::uint64_t fork_state() const {
         const std::uint64_t home = home_process.load_acquire();
-        return home >> kForksShift == sync::forks() ? home : look_around(home);
+        return home >> kForksShift == sync::forks() ? home : check_locks_at_fork(home);
     }
-    std::uint64_t look_around(std::uint64_t home) const;
+    std::uint64_t check_locks_at_fork(std::uint64_t home) const;
     Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options);
     void join();
     void note_reads();

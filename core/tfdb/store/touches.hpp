@@ -81,7 +81,7 @@ public:
                 throw_lapped(store_, last);
             }
             while (last < noted && all.size() < limit) {
-                if (std::vector<Place> what = judge(++last); !what.empty())
+                if (std::vector<Place> what = touched_by(++last); !what.empty())
                     all.push_back({last, std::move(what)});
             }
         }
@@ -99,7 +99,7 @@ private:
         std::vector<FrameId> frames{};
     };
 
-    [[nodiscard]] std::vector<Place> judge(CommitNumber commit) {
+    [[nodiscard]] std::vector<Place> touched_by(CommitNumber commit) {
         using txn::FeedNote;
         std::vector<Place> hit;
         const auto add = [&](FrameId frame) {

@@ -165,7 +165,7 @@ void TransactionLife::end(Stage how) noexcept {
         // Its thread may be missing in this process: its locks in this copy stay.
         if (state_.load_relaxed() != found && state_.load_relaxed() < kEnding)
             return;
-        (void)store_->whereabouts();
+        (void)store_->fork_state();
         (void)transaction_.release();
         state_.store_relaxed(word_of(how));
         return;

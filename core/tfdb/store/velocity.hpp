@@ -102,10 +102,10 @@ template <lookup::View V>
     return Outcome::kFailed;
 }
 
-/// `find(name)`: the frame of that name in the view. `judge(target, source)`: kOk, or why an answer
+/// `find(name)`: the frame of that name in the view. `check(target, source)`: kOk, or why an answer
 /// over the path between the two is refused.
-template <lookup::View V, class Find, class Judge>
-[[nodiscard]] lookup::Outcome velocity_at(const V& view, Find find, Judge judge,
+template <lookup::View V, class Find, class Check>
+[[nodiscard]] lookup::Outcome velocity_at(const V& view, Find find, Check check,
                                           const VelocityQuestion& question, Twist& twist,
                                           Asked& asked, Failure& failure) {
     using lookup::Outcome;
@@ -118,7 +118,7 @@ template <lookup::View V, class Find, class Judge>
         const Outcome found =
             lookup::lookup(view, frames[target], frames[source], when, Policy{}, answer, failure);
         pose = answer.pose;
-        return found == Outcome::kOk ? judge(frames[target], frames[source]) : found;
+        return found == Outcome::kOk ? check(frames[target], frames[source]) : found;
     };
     Pose first;
     Pose last;

@@ -12,13 +12,13 @@ namespace tfdb::store {
 
 template class BasicWaits<Store>;
 
-Patience::Patience(std::optional<std::int64_t> longest_ns) {
+Deadline::Deadline(std::optional<std::int64_t> longest_ns) {
     const std::int64_t now = sync::steady_now();
     if (longest_ns && *longest_ns < until_ - now)
         until_ = now + *longest_ns;
 }
 
-std::int64_t Patience::left() const {
+std::int64_t Deadline::left() const {
     constexpr auto kForEver = std::numeric_limits<std::int64_t>::max();
     return until_ == kForEver ? kForEver : until_ - sync::steady_now();
 }
@@ -87,12 +87,12 @@ void raise_ended_wait(const Store& store, WaitEnd end) {
 
 bool Buffer::wait_for(const Question& question, std::optional<std::int64_t> timeout_ns) const {
     store::check_may_exist(question);
-    return came(*store_, store::waits_of(*store_).wait(question, store::Patience(timeout_ns)));
+    return came(*store_, store::waits_of(*store_).wait(question, store::Deadline(timeout_ns)));
 }
 
 bool Buffer::wait_for_commit(CommitNumber after, std::optional<std::int64_t> timeout_ns) const {
     return is_there(*store_, after) ||
-           came(*store_, store::waits_of(*store_).wait(after, store::Patience(timeout_ns)));
+           came(*store_, store::waits_of(*store_).wait(after, store::Deadline(timeout_ns)));
 }
 
 std::uint64_t Buffer::begin_wait(const Question& question) const {
@@ -109,11 +109,11 @@ bool Buffer::cancel_wait(std::uint64_t number) const {
 }
 
 std::vector<EndedWait> Buffer::ended_waits(std::optional<std::int64_t> timeout_ns) const {
-    return store_->waits().ended(store::Patience(timeout_ns));
+    return store_->waits().ended(store::Deadline(timeout_ns));
 }
 
 void Buffer::await_ended_waits(std::optional<std::int64_t> timeout_ns) const {
-    store_->waits().await_ended(store::Patience(timeout_ns));
+    store_->waits().await_ended(store::Deadline(timeout_ns));
 }
 
 void Buffer::raise_ended_wait(WaitEnd end) const {

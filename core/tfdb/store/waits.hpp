@@ -24,10 +24,10 @@ namespace tfdb::store {
 
 /// The remaining time of a wait, which a signal may end.
 /// Threads: one. Guarantee: none.
-class Patience {
+class Deadline {
 public:
     /// None: unlimited.
-    explicit Patience(std::optional<std::int64_t> longest_ns);
+    explicit Deadline(std::optional<std::int64_t> longest_ns);
     [[nodiscard]] std::int64_t left() const;
     [[nodiscard]] static bool heeds_signals() { return Interruption::current() != nullptr; }
     static void signalled() { interruption_point(); }
@@ -94,14 +94,14 @@ public:
     };
 
     /// Waits until the question has an answer.
-    [[nodiscard]] WaitEnd wait(const Question& question, Patience patience) {
+    [[nodiscard]] WaitEnd wait(const Question& question, Deadline deadline) {
         Wait asked(question);
-        return wait(asked, patience);
+        return wait(asked, deadline);
     }
     /// Waits for a commit after this one.
-    [[nodiscard]] WaitEnd wait(CommitNumber after, Patience patience) {
+    [[nodiscard]] WaitEnd wait(CommitNumber after, Deadline deadline) {
         Wait asked(after);
-        return wait(asked, patience);
+        return wait(asked, deadline);
     }
 
     /// Non-blocking form; `ended` reports completion. Returns the wait's number; 0: the answer
@@ -125,10 +125,10 @@ public:
         return true;
     }
     /// Waits until some begun waits end, and takes them, in the order of their begin. Empty: all
-    /// were cancelled, or the patience ran out. Without patience the call does not block.
-    [[nodiscard]] std::vector<EndedWait> ended(Patience patience) {
+    /// were cancelled, or the deadline passed. After the deadline the call does not block.
+    [[nodiscard]] std::vector<EndedWait> ended(Deadline deadline) {
         const Locked locked(group_);
-        stay_until_ended(patience);
+        stay_until_ended(deadline);
         std::vector<EndedWait> taken = ended_;
         ended_.clear();
         std::sort(taken.begin(), taken.end(),
@@ -136,9 +136,9 @@ public:
         return taken;
     }
     /// The same without taking them. Only one thread at a time waits in these two.
-    void await_ended(Patience patience) {
+    void await_ended(Deadline deadline) {
         const Locked locked(group_);
-        stay_until_ended(patience);
+        stay_until_ended(deadline);
     }
 
     struct Looked {
@@ -167,7 +167,7 @@ public:
         return looked;
     }
     /// Waits until one of them is touched; returns at once if that happened since that `look_at`.
-    [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t wakeups, Patience patience) {
+    [[nodiscard]] WaitEnd sleep(Wait& watch, std::uint64_t wakeups, Deadline deadline) {
         const Locked locked(group_);
         // Without looks: it is closed, or a stop ended it and waits may begin again.
         if (watch.wakeups != wakeups || watch.closed->load_acquire() != 0 ||
@@ -177,7 +177,7 @@ public:
             return *closed_;
         Sleeper me(watch);
         group_.wait(
-            me.waiter, [this] { look(); }, patience);
+            me.waiter, [this] { look(); }, deadline);
         return me.how;
     }
     /// The watch looks at no frame any more, and its threads wake as if it had been touched.
@@ -234,14 +234,14 @@ private:
         WaitEnd how = WaitEnd::kTimedOut;
     };
 
-    [[nodiscard]] WaitEnd wait(Wait& wait, Patience patience) {
+    [[nodiscard]] WaitEnd wait(Wait& wait, Deadline deadline) {
         const Locked locked(group_);
         if (!add(wait))
             return wait.how;
         try {
             Sleeper me(wait);
             group_.wait(
-                me.waiter, [this] { look(); }, patience);
+                me.waiter, [this] { look(); }, deadline);
         } catch (...) {
             remove(wait);
             throw;
@@ -272,15 +272,15 @@ private:
         end(begun, begun.how);
         return number;
     }
-    void stay_until_ended(Patience patience) {
+    void stay_until_ended(Deadline deadline) {
         look();
-        if (!ended_.empty() || closed_ || patience.left() <= 0)
+        if (!ended_.empty() || closed_ || deadline.left() <= 0)
             return;
         typename WaitGroup::Waiter me;
         ends_waiter_ = &me;
         try {
             group_.wait(
-                me, [this] { look(); }, patience);
+                me, [this] { look(); }, deadline);
         } catch (...) {
             ends_waiter_ = nullptr;
             throw;

@@ -36,7 +36,7 @@ void Watch::check_open() const {
 
 std::vector<Touch> Watch::next(CommitNumber after, std::optional<std::int64_t> timeout_ns,
                                std::size_t limit) {
-    const store::Patience patience(timeout_ns);
+    const store::Deadline deadline(timeout_ns);
     (void)store::waits_of(*state_->store);
     if (!state_->watcher.is_at_home()) {
         ErrorDetail detail;
@@ -46,7 +46,7 @@ std::vector<Touch> Watch::next(CommitNumber after, std::optional<std::int64_t> t
             "watch in this process",
             std::move(detail));
     }
-    return state_->watcher.next(after, patience, limit);
+    return state_->watcher.next(after, deadline, limit);
 }
 
 std::shared_ptr<Watch> Buffer::watch(const Watched& watched) const {

@@ -201,7 +201,7 @@ void follow(Watcher& watcher, CommitNumber since, const Follower& follower,
     CommitNumber at = since;
     auto expected = touched.begin();
     while (at < last) {
-        const std::vector<Touch> found = watcher.next(at, Patience(std::nullopt), follower.limit);
+        const std::vector<Touch> found = watcher.next(at, Deadline(std::nullopt), follower.limit);
         SCHED_REQUIRE(!found.empty() && found.size() <= follower.limit);
         for (const Touch& touch : found) {
             SCHED_REQUIRE(touch.commit > at);
@@ -377,7 +377,7 @@ TFDB_SCHED(watch_that_is_closed_ends_its_thread) {
         run.thread("watcher", [&] {
             bool closed = false;
             try {
-                (void)watcher.next(1, Patience(std::nullopt), 1);
+                (void)watcher.next(1, Deadline(std::nullopt), 1);
             } catch (const WatchClosed&) {
                 closed = true;
             }
@@ -403,7 +403,7 @@ TFDB_SCHED(watch_that_is_lapped_raises) {
                 const CommitNumber safe = store.committed();
                 const auto expected = touched.upper_bound(at);
                 try {
-                    const auto found = watcher.next(at, Patience(std::nullopt), 1);
+                    const auto found = watcher.next(at, Deadline(std::nullopt), 1);
                     SCHED_REQUIRE(found.front().commit == expected->first);
                     at = found.front().commit;
                 } catch (const FeedLapped&) {
@@ -429,7 +429,7 @@ TFDB_SCHED(wait_for_an_answer_is_woken_by_its_commit) {
             run.thread("writer", [&] { write(store, script); });
             run.thread("waits", [&, stamp] {
                 const WaitEnd end =
-                    store.waits.wait(at_stamp("map", "base", stamp, {}), Patience(std::nullopt));
+                    store.waits.wait(at_stamp("map", "base", stamp, {}), Deadline(std::nullopt));
                 SCHED_REQUIRE(end == WaitEnd::kCame);
             });
             run.join();
@@ -449,9 +449,9 @@ struct EntersLate : Store::Waits {
         frames_ = frames;
         return {};
     }
-    WaitEnd sleep(Wait& watch, std::uint64_t /*wakeups*/, Patience patience) {
+    WaitEnd sleep(Wait& watch, std::uint64_t /*wakeups*/, Deadline deadline) {
         const Looked looked = Store::Waits::look_at(watch, frames_);
-        return Store::Waits::sleep(watch, looked.wakeups, patience);
+        return Store::Waits::sleep(watch, looked.wakeups, deadline);
     }
 
 private:

@@ -18,15 +18,15 @@ public:
     BasicWatcher(const Store& store, Waits& waits, const Watched& watched)
         : store_(store), waits_(waits), touches_(store, watched) {}
 
-    [[nodiscard]] std::vector<Touch> next(CommitNumber after, Patience patience,
+    [[nodiscard]] std::vector<Touch> next(CommitNumber after, Deadline deadline,
                                           std::size_t limit) {
         for (;;) {
             check_open();
             std::uint64_t wakeups = 0;
             std::vector<Touch> touched = read(after, limit, wakeups);
-            if (!touched.empty() || patience.left() <= 0)
+            if (!touched.empty() || deadline.left() <= 0)
                 return touched;
-            const WaitEnd end = waits_.sleep(wait_, wakeups, patience);
+            const WaitEnd end = waits_.sleep(wait_, wakeups, deadline);
             if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved)
                 raise_ended_wait(store_, end);
             if (end != WaitEnd::kCame)

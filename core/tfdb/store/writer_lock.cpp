@@ -27,7 +27,7 @@ void WriterLock::check_writable() const {
                    std::move(detail));
 }
 
-void WriterLock::took(Control::Taken taken) {
+void WriterLock::handle_result(Control::Taken taken) {
     if (taken == Control::Taken::kBroken) {
         own_.unlock();
         ErrorDetail detail;
@@ -71,7 +71,7 @@ bool WriterLock::try_lock_shared(std::int64_t longest_ns) {
         own_.unlock();
         return false;
     }
-    took(taken);
+    handle_result(taken);
     return true;
 }
 

@@ -71,7 +71,7 @@ private:
     [[noreturn]] void throw_timeout() const;
     void check_writable() const;
     /// Handles a result other than kNo.
-    void took(memory::Control::Taken taken);
+    void handle_result(memory::Control::Taken taken);
 
     sync::CommitLock own_;
     sync::EventCount commit_event_;

@@ -46,19 +46,19 @@ public:
 
     // -- all of these: the lock is held --
 
-    /// Returns after `end` was called for the waiter, or when its patience runs out. `look()` ends
+    /// Returns after `end` was called for the waiter, or after its deadline. `look()` ends
     /// the waiters whose condition holds after all changes so far. The caller must have checked its
-    /// own condition before, and must not have unlocked since. `patience` gives the remaining time,
+    /// own condition before, and must not have unlocked since. `deadline` gives the remaining time,
     /// `left()`, and whether a signal may end the wait, `heeds_signals()`. Each signal calls its
     /// `signalled()` without the lock. An exception from any of these ends the wait.
-    template <class Look, class Patience>
-    void wait(Waiter& waiter, Look look, Patience& patience) {
+    template <class Look, class Deadline>
+    void wait(Waiter& waiter, Look look, Deadline& deadline) {
         for (;;) {
-            if (stay(waiter, look, patience) != Woken::kInterrupted)
+            if (stay(waiter, look, deadline) != Woken::kInterrupted)
                 return;
             // Other threads may proceed while the signal is handled.
             const Unlocked unlocked(*this);
-            patience.signalled();
+            deadline.signalled();
         }
     }
     void end(Waiter& waiter) noexcept {
@@ -115,35 +115,35 @@ private:
             waiter.word_.wake_all();
     }
 
-    template <class Look, class Patience>
-    Woken stay(Waiter& waiter, Look& look, Patience& patience) {
+    template <class Look, class Deadline>
+    Woken stay(Waiter& waiter, Look& look, Deadline& deadline) {
         const Present present(*this, waiter);
-        while (!waiter.ended() && patience.left() > 0) {
+        while (!waiter.ended() && deadline.left() > 0) {
             if (leader_ == nullptr)
                 leader_ = &waiter;
             std::uint64_t found = kLeads;
             (void)waiter.word_.compare_exchange(found, kWaits);
-            const Woken woken = leader_ == &waiter ? lead(waiter, look, patience)
-                                                   : sleep(waiter.word_, kWaits, patience.left());
-            if (woken == Woken::kInterrupted && patience.heeds_signals() && !waiter.ended())
+            const Woken woken = leader_ == &waiter ? lead(waiter, look, deadline)
+                                                   : sleep(waiter.word_, kWaits, deadline.left());
+            if (woken == Woken::kInterrupted && deadline.heeds_signals() && !waiter.ended())
                 return woken;
         }
         return Woken::kChanged;
     }
 
     /// Sleeps until the next notification or signal.
-    template <class Look, class Patience>
-    Woken lead(Waiter& waiter, Look& look, Patience& patience) {
+    template <class Look, class Deadline>
+    Woken lead(Waiter& waiter, Look& look, Deadline& deadline) {
         if constexpr (RestNs > 0) {
             const std::int64_t rest = rests_until_ - steady_now();
             if (rest > 0)
-                return sleep(waiter.word_, kWaits, std::min(rest, patience.left()));
+                return sleep(waiter.word_, kWaits, std::min(rest, deadline.left()));
         }
         const std::uint64_t armed = event_.arm();
         look();
         if (waiter.ended())
             return Woken::kChanged;
-        const Woken woken = sleep(event_, armed, patience.left());
+        const Woken woken = sleep(event_, armed, deadline.left());
         if constexpr (RestNs > 0) {
             if (woken == Woken::kChanged)
                 rests_until_ = steady_now() + RestNs;

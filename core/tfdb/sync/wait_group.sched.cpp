@@ -20,7 +20,7 @@ using sched::Walk;
 using namespace flaws;
 
 /// Unlimited, or with that many short sleeps.
-struct Patience {
+struct Deadline {
     std::optional<int> sleeps{};
 
     std::int64_t left() {
@@ -53,14 +53,14 @@ struct Room {
     bool closed = false;
 
     /// Whether the number was reached.
-    bool wait_for(std::uint64_t least, Patience patience = {}) {
+    bool wait_for(std::uint64_t least, Deadline deadline = {}) {
         Wait wait{.least = least};
         const typename WaitGroup::Locked locked(group);
         if (closed || counter.load_acquire() >= least)
             return !closed;
         waits.push_back(&wait);
         group.wait(
-            wait.waiter, [this] { look(); }, patience);
+            wait.waiter, [this] { look(); }, deadline);
         std::erase(waits, &wait);
         return wait.waiter.ended();
     }
@@ -107,11 +107,12 @@ Program waiting(const std::vector<std::uint64_t>& waits, int writers, int commit
     };
 }
 
-/// One thread runs out of patience, perhaps while it leads; the other must still be woken.
-Program impatient(int sleeps) {
+/// One thread's deadline passes, perhaps while it leads; the other must still be woken.
+Program with_deadline(int sleeps) {
     return [=](Run& run) {
         Room<Sound> room(run);
-        run.thread("impatient", [&room, sleeps] { (void)room.wait_for(2, {.sleeps = sleeps}); });
+        run.thread("with_deadline",
+                   [&room, sleeps] { (void)room.wait_for(2, {.sleeps = sleeps}); });
         run.thread("patient", [&room] { SCHED_REQUIRE(room.wait_for(1)); });
         run.thread("writer", [&room] { room.commit(); });
         run.join();
@@ -207,8 +208,8 @@ TFDB_SCHED(wait_group_loses_no_wake_up) {
     Walk bounded(options);
     bounded.must_hold("two wait for the same commit", waiting({1, 1}, 1, 1));
     bounded.must_hold("two wait, for one commit each", waiting({1, 2}, 1, 2));
-    bounded.must_hold("one loses its patience at once", impatient(2));
-    bounded.must_hold("one loses its patience later", impatient(4));
+    bounded.must_hold("one deadline passes at once", with_deadline(2));
+    bounded.must_hold("one deadline passes later", with_deadline(4));
     bounded.must_hold("closing ends all waits", closing());
 }
 

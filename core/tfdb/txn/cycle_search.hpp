@@ -92,7 +92,7 @@ public:
             return any;
         search([&](const Stop& top, const Cycle& suspect) {
             for_each_in_cycle(top.id, visit);
-            cycle = blame(top, suspect);
+            cycle = last_relation(top, suspect);
             any = true;
             return Next::kEnd;
         });
@@ -107,7 +107,7 @@ public:
     [[nodiscard]] bool find_all(std::vector<Cycle>& cycles) {
         cycles.clear();
         search([&](const Stop& top, const Cycle& suspect) {
-            const Cycle cycle = blame(top, suspect);
+            const Cycle cycle = last_relation(top, suspect);
             bool touches_another = false;
             for_each_in_cycle(top.id, [&](FrameId id) {
                 touches_another |= id != cycle.child && mark_of(id).blamed;
@@ -234,7 +234,7 @@ private:
     }
 
     /// The last relation among those that close the cycle together, and the interval of its parent.
-    [[nodiscard]] Cycle blame(const Stop& top, const Cycle& suspect) {
+    [[nodiscard]] Cycle last_relation(const Stop& top, const Cycle& suspect) {
         auto& order = scratch_.by_child;
         const auto& relations = scratch_.relations;
         if (order.size() != relations.size()) {
