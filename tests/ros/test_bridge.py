@@ -573,6 +573,20 @@ def test_a_forked_child_does_not_keep_a_graph(new_store: Callable[[str], tfdb.Bu
             os.close(pipe)
 
 
+def test_a_store_that_is_only_read_is_refused(
+    wire: str, new_store: Callable[[str], tfdb.Buffer]
+) -> None:
+    from tfdb.bridge import Bridge
+
+    new_store("read")
+    with (
+        node(wire, "a") as at,
+        tfdb.Buffer.open(full("read"), mode="r") as store,
+        pytest.raises(tfdb.errors.ReadOnly, match="mode='rw'"),
+    ):
+        Bridge(store, at)
+
+
 @pytest.mark.parametrize("origin", ["", "a/b", "a b", "a\n", "/a", "a/", "ros1:http://host/"])
 def test_a_name_that_no_graph_has_is_refused(origin: str) -> None:
     from tfdb.bridge import Bridge

@@ -10,7 +10,7 @@ from tfdb import tf2
 from tfdb._core import duration_to_nanoseconds
 from tfdb.data.argument_checks import check_name, refuse_without
 from tfdb.data.closable import Closable
-from tfdb.data.errors import InvalidName, NodeClosed
+from tfdb.data.errors import InvalidName, NodeClosed, ReadOnly
 
 from .claim import Claim
 from .sending import BridgeStats, CommitSender
@@ -78,6 +78,8 @@ class Bridge(Closable):
         The buffer's engine keeps no feed.
     InvalidArgument
         The store has a bridge to a graph with this name already, also in another process.
+    ReadOnly
+        The store was opened for reading only.
     NodeClosed, InvalidName, TypeError
     """
 
@@ -92,6 +94,10 @@ class Bridge(Closable):
         refuse_without(
             node, "node", "a ZenohNode, DdsNode or TcprosNode of tfdb.ros", "subscribe", "graph"
         )
+        if buffer.shared is not None and buffer.shared.mode == "r":
+            raise ReadOnly(
+                "a bridge stores messages: open the store with mode='rw'", path=buffer.shared.path
+            )
         self._origin = node.graph if origin is None else check_origin(origin)
         self._node = node
         self._error: BaseException | None = None
