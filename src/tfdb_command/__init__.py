@@ -6,10 +6,15 @@ import io
 import os
 import signal
 import sys
-from typing import NoReturn
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """The signals that end a command in good order."""
+_AGAIN = 0.01
+"""Seconds until a signal in an import is tried again."""
 
 
 class Stopped(KeyboardInterrupt):
@@ -20,8 +25,23 @@ class Stopped(KeyboardInterrupt):
         self.number = number
 
 
-def _stop(number: int, _frame: object) -> NoReturn:
-    raise Stopped(number)
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End the command, once no import is under way.
+
+    An exception in an import may leave its lock held. Later imports of all threads then hang.
+    """
+    if not _is_importing(frame):
+        raise Stopped(number)
+    signal.signal(signal.SIGALRM, lambda _, later: _stop(number, later))
+    signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _ready_streams() -> None:

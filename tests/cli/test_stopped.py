@@ -277,3 +277,27 @@ def test_a_signal_ends_serve_follow_with_its_summary(
     told = summary(["serve", "follow", str(growing)], store, number)
     assert told["messages"] > 0
     assert told["transforms"] > 50
+
+
+def test_a_signal_in_an_import_ends_the_command_after_it(tmp_path: Path) -> None:
+    (tmp_path / "imported.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nprint('whole')\n"
+    )
+    program = """
+import signal, tfdb_command
+signal.signal(signal.SIGINT, tfdb_command._stop)
+try:
+    import imported
+    signal.pause()
+except tfdb_command.Stopped as stopped:
+    print(stopped)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stdout == "whole\nended by SIGINT\n"

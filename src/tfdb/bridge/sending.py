@@ -61,7 +61,8 @@ class CommitSender:
         self.refused: int = 0
         self.missed: int = 0
         self.gone: int = 0
-        self._statics: bytes = encode_tf_message([], node.encoding)
+        none = Columns([], [], None, np.empty((0, 7)))  # imports what `run` needs, see above
+        self._statics: bytes = encode_tf_message(none, node.encoding)
         self._children: frozenset[str] = frozenset()
         self._is_due, self._is_forced = True, False
         self._ending = False
