@@ -91,7 +91,7 @@ test-cpp: $(STAMPS)/venv
 	build/dev/bin/tfdb_driver_tests
 
 test-python: $(STAMPS)/dev
-	$(BIN)/python -m pytest $(PYTEST)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --max-worker-restart 0 $(PYTEST)
 
 # Every program there is, with warnings as errors; `make test` then finds them built.
 # Every public name has a type that each checker takes for the same.
