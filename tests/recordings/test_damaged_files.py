@@ -191,6 +191,7 @@ def test_losses_are_counted(recorder: Any, messages: Drive, tmp_path: Path) -> N
         assert loss.path == str(file)
         assert 0 < loss.bytes < len(raw)
         assert f"lost at least {loss.messages} messages" in str(loss)
+        assert " more" not in loss.reason  # it is the only one
 
 
 @pytest.mark.parametrize("plugin", ["sqlite3", "mcap"])
@@ -218,6 +219,8 @@ def test_a_bag_without_an_index(recorder: Any, messages: Drive, tmp_path: Path) 
     raw = bytearray(path.read_bytes())
     at = raw.index(b"index_pos=") + len(b"index_pos=")
     index = int.from_bytes(raw[at : at + 8], "little")
+    path.write_bytes(raw[:index])  # no message is lost
+    assert tfdb.Buffer(history=None).load(path, salvage=True).lost == ()
     raw[at : at + 8] = bytes(8)
     path.write_bytes(raw[:index])
     with pytest.raises(tfdb.errors.RecordingError, match="not indexed"):
