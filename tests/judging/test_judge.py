@@ -141,6 +141,13 @@ def test_a_jump_is_measured_against_the_arrivals() -> None:
     assert [event.value for event in judge.feed(rows_of(judge, rows))] == [5.0]
 
 
+@pytest.mark.parametrize(("ahead", "kinds"), [(1.0, []), (1.000000001, ["time-jump"])])
+def test_stamps_may_run_ahead_by_one_second(ahead: float, kinds: list[str]) -> None:
+    judge = Judge(Expectations(), START)
+    rows = [row(0), row(1), row(3, -ahead)]
+    assert [event.kind for event in judge.feed(rows_of(judge, rows))] == kinds
+
+
 def test_an_edge_that_becomes_static_is_not_waited_for() -> None:
     limits: dict[str, Any] = {"deadline": 0.5, "lifespan": 0.8}
     still = row(0.4, static=True)

@@ -526,6 +526,15 @@ def test_a_rewriting_has_the_fixed_joints(ros: Messages, tmp_path: Path) -> None
     assert durabilities == ["TRANSIENT_LOCAL", "VOLATILE"]
 
 
+def test_times_do_not_count_from_joint_states_of_another_topic(
+    ros: Messages, tmp_path: Path
+) -> None:
+    other = [("/other", JOINTS, 1, ros.joints(S // 2, ["turn"], [0.5]))]
+    path, model = joint_run(ros, tmp_path, other), tfdb.robots.parse_urdf(URDF)
+    found = tfdb.load(path, urdf=model, joint_topic="/joint_states", end="+1")
+    assert found.samples("upper")[0].tolist() == [S, 2 * S]
+
+
 def test_a_list_longer_than_its_message_is_refused() -> None:
     source = Source("/joints", "ros1", "/joints", 1, JOINTS)
     data = struct.pack("<4I", 0, 5, 0, 0) + struct.pack("<I", 1000) + bytes(8)
