@@ -354,6 +354,10 @@ def test_refused_messages_are_counted(recorder: Any, messages: list[Any], tmp_pa
     assert len(warned) == 2
     assert (report.commits, report.refused) == (len(messages), 4)
     assert report.refused_transforms == 4
+    assert [(each.edge, each.count) for each in report.refused_edges] == [
+        ("camera", 3),
+        ("base", 1),
+    ]
     assert report.reasons == {"InvalidTransform": 1, "StaticConflict": 3}
     assert set(report.first_refusals) == set(report.reasons)
     assert "camera" in report.first_refusals["StaticConflict"]
