@@ -297,6 +297,17 @@ def test_the_worst_events_come_first() -> None:
     assert sorted(backwards, key=lambda event: event.rank) == made
 
 
+@pytest.mark.parametrize(("lag", "times"), [(0.0, [0.5]), (0.4, [0.2]), (900_000.0, [])])
+def test_a_later_lifespan_counts_from_the_newest_stamp(lag: float, times: list[float]) -> None:
+    """It counts from the change if it ended before, and not at all by another clock."""
+    judge = Judge(Expectations(), START)
+    judge.feed(rows_of(judge, [row(0, lag)]))
+    judge.change(Expectations([Expectation(*EDGE, lifespan=0.5)]), START + S // 5)
+    events = judge.advance(START + S)
+    found = [(e.time - START) / S for e in events if e.kind == "lifespan"]
+    assert found == times
+
+
 def test_severities() -> None:
     rows = regular(0, 2)
     assert judged(rows, 2, deadline=1, severity={"deadline": "stale"})[0][1] == "stale"

@@ -15,7 +15,9 @@ import pytest
 import zstandard
 
 import tfdb
+from tfdb.data.loss import Loss
 from tfdb.recordings import Recording
+from tfdb.recordings.containers import Gathered
 from tfdb.trajectories.writing import write_trajectory
 
 Drive = list[Any]
@@ -211,6 +213,14 @@ def test_a_cut_packed_file_promises_no_number(
         loss = recording.losses[-1]
     assert loss.reason.startswith("its zstd does not unpack")
     assert (loss.path, loss.messages, loss.bytes) == (str(file), 0, 0)
+
+
+def test_a_loss_names_the_first_reason_and_counts_the_others() -> None:
+    gathered, path = Gathered(), Path("a.bag")
+    assert gathered.losses(path, {}) == []
+    for number, words in enumerate(["one", "one, and 1 more", "one, and 2 more"]):
+        gathered.lose(5, ["one", "two", "three"][number])
+        assert gathered.losses(path, {}) == [Loss("a.bag", words, 0, 5 * number + 5)]
 
 
 def test_a_bag_without_an_index(recorder: Any, messages: Drive, tmp_path: Path) -> None:
