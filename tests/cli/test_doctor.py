@@ -381,6 +381,15 @@ def test_a_simulation_at_a_tenth_of_its_speed_is_not_a_jump() -> None:
     assert examine(log) == []
 
 
+def test_a_simulation_at_twenty_times_its_speed_is_not_a_jump() -> None:
+    log = Log()
+    for i in range(100):
+        rows = [("odom", "base", START + i * 2 * S, pose(i))]
+        arrival = 2 * START + i * 100 * MS
+        log.add(rows, arrival=arrival, publisher="", static=False)
+    assert examine(log) == []
+
+
 def test_slow_simulation_is_not_a_jump() -> None:
     log = Log()
     for i in range(60):  # arrives ten times slower than its stamps say

@@ -105,6 +105,9 @@ def test_an_exact_name_comes_before_a_pattern() -> None:
     found = edge_limits(made)("odom", "base")
     limits = (found.deadline, found.lifespan, found.max_step, found.max_late)
     assert limits == (2, 1, 3, 4)
+    names = [AuthorityExpectation("*", 1.0), AuthorityExpectation("ekf", 0.2)]
+    found = limits_of_authority(Expectations((), names), "ekf")
+    assert found == AuthorityExpectation("ekf", 0.2)
     assert edge_limits(Expectations([Expectation("a.c", "[x]", 1)]))("abc", "x").deadline is None
 
 

@@ -358,6 +358,7 @@ def test_an_offset_where_nothing_moves(tmp_path: Path) -> None:
     ("options", "words"),
     [
         ({"exclude": ["maap", "odom"]}, "exclude: nothing read from .* is called 'maap'"),
+        ({"rename": {"odom": "o"}, "exclude": "odom"}, "'odom' of .* is left out by exclude"),
         ({"rename": {"maap": "world"}}, "rename: nothing read from .* is called 'maap'"),
         ({"start": "+60"}, r"nothing moves from \S+ s, its stamps run from \S+ s to"),
     ],

@@ -350,6 +350,24 @@ def test_missing_parts(recorder: Any, messages: Drive, tmp_path: Path, plugin: s
         assert tfdb.Buffer(history=None).load(folder, salvage=True).messages == 400
 
 
+def test_a_missing_and_a_damaged_part_count_each_loss_once(
+    recorder: Any, messages: Drive, tmp_path: Path
+) -> None:
+    folder = tmp_path / "drive"
+    parts = split(recorder, folder, messages, "mcap")
+    parts[1].unlink()
+    raw = bytearray(parts[2].read_bytes())
+    middle = raw.index(messages[500].received.to_bytes(8, "little"))
+    raw[middle - 200 : middle] = bytes(200)
+    parts[2].write_bytes(raw)
+    with Recording(folder, salvage=True) as recording:
+        saved = len(list(recording.messages()))
+        lost = [loss.messages for loss in recording.losses]
+    assert 200 <= saved < 400
+    assert all(lost)
+    assert (len(lost), saved + sum(lost)) == (2, 600)
+
+
 def test_few_missing_parts_are_named(recorder: Any, messages: Drive, tmp_path: Path) -> None:
     """However high the number of the last one is."""
     folder = tmp_path / "drive"
