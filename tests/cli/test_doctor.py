@@ -301,6 +301,29 @@ def test_stalled_delivery_is_not_a_jump(lost: int) -> None:
     assert [finding.kind for finding in examine(log)] == (["gap"] if lost else [])
 
 
+def test_stamps_that_run_backwards_jump() -> None:
+    log = Log()
+    for i in range(60):
+        rows = [("odom", "base", 2 * START - i * 600 * MS, pose(0))]
+        log.add(rows, arrival=2 * START + i * 600 * MS, publisher="", static=False)
+    assert only(log, "time-jump").details["jumps"] == 59
+
+
+def test_two_clocks_have_the_first_and_last_stamp_of_their_edges() -> None:
+    log, years = Log(), 2 * 365 * 86400 * S
+    for i in range(60):
+        add(log, i, shift=years, late=years)
+        add(log, i, parent="map", child="odom", shift=years + S, late=years + S)
+        add(log, i, parent="base", child="arm", late=years)
+        add(log, i, parent="arm", child="hand", shift=-S, late=years)
+        add(log, i, parent="hand", child="tool", shift=S, late=years)
+    clocks = [each for each in examine(log) if each.kind == "two-clocks"]
+    assert [(each.frames, each.stamp, each.count) for each in clocks] == [
+        (("base", "odom"), START + years, 2)
+    ]
+    assert "arm, hand, tool from 999 s to 1006.9 s" in clocks[0].message
+
+
 def test_a_clock_that_is_set_forth() -> None:
     log = Log()
     for i in range(60):
