@@ -1883,7 +1883,7 @@ class Watch:
         -------
         list[Touched]
             In the order of commits, each with what it touched: names, and pairs as tuples. Empty at the end
-            of the timeout.
+            of the timeout, and when the process ends.
 
         Raises
         ------
