@@ -125,9 +125,9 @@ def jumps_in(recordings: OpenRecordings, end: float, count: int) -> list[float]:
     choice = random.Random(1)
 
     class Timed(Player):
-        def _go_to(self, at: int) -> None:
+        def _jump_to(self, at: int) -> None:
             began = time.perf_counter()
-            super()._go_to(at)
+            super()._jump_to(at)
             found.append(1e3 * (time.perf_counter() - began))
 
     with tfdb.Buffer() as buffer:
