@@ -450,7 +450,7 @@ def test_recordings_and_stores(tmp_path: Path) -> None:
         assert np.array_equal(found.ape_translation.values, expected.ape_translation.values)
     same = tfdb.compare(bag, mcap, frames=("odom", "base_link"))
     assert same.ape_translation.max < 1e-12
-    with pytest.raises(tfdb.InvalidArgument, match=r"give frames=\(target, source\), such as \('m"):
+    with pytest.raises(tfdb.InvalidArgument, match=r"pass frames=\(target, source\), such as \('m"):
         tfdb.compare(bag, truth)
     with pytest.raises(tfdb.InvalidArgument, match=r"give estimate_frames=\(target, source\)"):
         tfdb.compare(truth, buf)
