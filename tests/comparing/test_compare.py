@@ -452,7 +452,7 @@ def test_recordings_and_stores(tmp_path: Path) -> None:
     assert same.ape_translation.max < 1e-12
     with pytest.raises(tfdb.InvalidArgument, match=r"pass frames=\(target, source\), such as \('m"):
         tfdb.compare(bag, truth)
-    with pytest.raises(tfdb.InvalidArgument, match=r"give estimate_frames=\(target, source\)"):
+    with pytest.raises(tfdb.InvalidArgument, match=r"pass estimate_frames=\(target, source\)"):
         tfdb.compare(truth, buf)
     with pytest.raises(tfdb.InvalidArgument, match=r"frames must be the names \(target, source\)"):
         tfdb.compare(bag, truth, frames="map")  # type: ignore[arg-type]
