@@ -129,7 +129,7 @@ class Felt:
         if not all(both):
             return None
         theirs, ours = (statistics.median(values) for values in both)
-        factor = f"{number(theirs / ours)}x" if ours else "none"
+        factor = f"{number(theirs / ours)}x" if ours else "none left"
         shown = " | ".join(f"{number(value)} {self.unit}" for value in (theirs, ours))
         return f"| {self.text} | {self.today} | {shown} | {factor} |"
 
