@@ -30,7 +30,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 WORK = ROOT / "build" / "wheels"
 PACKAGES = {"tfdb", "tfdb_command"}
-MOST_BYTES = 2_400_000
+MOST_BYTES = 2_500_000
 """Of a wheel. What it takes today is in docs/packaging.md."""
 # What only a checkout has: tests, benchmarks, the driver of tf2.
 FOREIGN = re.compile(r"tests?\b|bench_|measure|contenders|tf2_driver|torture|fuzz|\.(cpp|hpp|a|o)$")
