@@ -67,10 +67,8 @@ public:
             choice_ |= std::uint64_t{wire::digest_of(options.shared)} << kSharedShift;
         names_.reserve(sample.names.size());
         for (const std::string_view name : sample.names) {
-            const bool shared = std::find(options.shared.begin(), options.shared.end(), name) !=
-                                options.shared.end();
-            names_.push_back(shared ? std::string(name) : std::string(options.prefix).append(name));
-            is_shared_.push_back(shared);
+            names_.push_back(is_shared(name) ? std::string(name)
+                                             : std::string(options.prefix).append(name));
             const std::string& here = names_.back();
             const char* fault = name_fault(here);
             if (fault == nullptr && !is_text(here))
@@ -165,6 +163,11 @@ public:
     [[nodiscard]] std::vector<std::string> take_replaced() { return std::move(replaced_); }
 
 private:
+    /// Whether a name of the sample gets no prefix.
+    [[nodiscard]] bool is_shared(std::string_view name) const {
+        return std::find(options_.shared.begin(), options_.shared.end(), name) !=
+               options_.shared.end();
+    }
     [[nodiscard]] static Pose pose_of(const CommitSample::Row& row) {
         return std::bit_cast<Pose>(row.numbers);
     }
@@ -216,7 +219,7 @@ private:
             const FrameId id = ids_[name] = commit_->frame(names_[name]);
             const std::uint64_t word = source_word(id);
             const bool is_left = (word & SourceWord::kLeft) != 0 || is_left_.contains(id);
-            if (!is_shared_[name] && (SourceWord::maker(word) == 0 || is_left))
+            if ((SourceWord::maker(word) == 0 || is_left) && !is_shared(sample_.names[name]))
                 found_.push_back(id);
         }
         return ids_[name];
@@ -499,7 +502,6 @@ private:
     const CommitSample& sample_;
     const ApplyOptions& options_;
     std::vector<std::string> names_;  // in this store
-    std::vector<bool> is_shared_;     // by name
     std::vector<std::string> replaced_;
     std::vector<std::uint64_t> authors_;  // indexed by the sample's authorities
     std::uint64_t choice_;
