@@ -319,19 +319,27 @@ def test_a_promoted_home_that_was_killed_goes_on_as_a_mirror(links: Links) -> No
             assert state_of(spare) == state_of(other)
 
 
+def promoted_beside(other: tfdb.Buffer, spare: tfdb.Buffer, links: Links) -> tuple[Home, Mirror]:
+    """Promote a mirror with the store `spare`; the mirror with the store `other` follows it."""
+    source = tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, links())
+    first, second = Mirror(spare, NAME, links()), Mirror(other, NAME, links())
+    for each in (first, second):
+        each.wait_until_live(LONGEST)
+    promoted = first.promote()
+    home.close()
+    spare.set_transform("map", "base", 10, *pose(2))
+    wait_for_commit(second, spare.commit)
+    return promoted, second
+
+
 def test_a_second_home_of_one_promoted_store_leaves_it_writable(
     links: Links, store_name: str
 ) -> None:
-    source, spare = tfdb.Buffer(), tfdb.Buffer.open(store_name, create=True, size=1 << 25)
-    source.set_transform("map", "base", 0, *pose(1))
-    home = new_home(source, links())
-    mirror, other = Mirror(spare, NAME, links()), Mirror(tfdb.Buffer(), NAME, links())
-    for each in (mirror, other):
-        each.wait_until_live(LONGEST)
-    with mirror.promote() as promoted:
-        home.close()
-        spare.set_transform("map", "base", 10, *pose(2))
-        wait_for_commit(other, spare.commit)
+    spare = tfdb.Buffer.open(store_name, create=True, size=1 << 25)
+    promoted, other = promoted_beside(tfdb.Buffer(), spare, links)
+    with promoted:
         epoch = epoch_after(promoted.epoch)
         again = tfdb.Buffer.open(store_name)
         with Home(again, NAME, links(), epoch, origin=take_over(again, NAME, epoch)):
@@ -631,17 +639,10 @@ def test_tokens() -> None:
 
 
 def test_a_mirror_of_a_promoted_home_that_is_begun_again_loses_nothing(links: Links) -> None:
-    source, spare, other = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
-    source.set_transform("map", "base", 0, *pose(1))
-    home = new_home(source, links())
-    first, second = Mirror(spare, NAME, links()), Mirror(other, NAME, links())
-    for each in (first, second):
-        each.wait_until_live(LONGEST)
-    with first.promote() as promoted:
-        home.close()
-        spare.set_transform("map", "base", 10, *pose(2))
-        wait_for_commit(second, spare.commit)
-        epoch = epoch_after(promoted.epoch)
+    spare, other = tfdb.Buffer(), tfdb.Buffer()
+    promoted, second = promoted_beside(other, spare, links)
+    promoted.close()
+    epoch = epoch_after(promoted.epoch)
     origin = take_over(spare, NAME, epoch)
     assert origin[:2] == (promoted.epoch, spare.commit - 1)
     with Home(spare, NAME, links(), epoch, origin=origin):
