@@ -538,17 +538,16 @@ def _felt() -> Iterator[Felt]:
     ours = python(row, 10, "tfdb.tf2")
     yield Felt(text, f"rospy, {ros}", python(row, 10, "tf2_ros"), ours, "us", us)
     row = "load, mcap, chain of 10"
-    theirs, ours = (Cell("loading", row, who) for who in ("rosbags + tf2", "tfdb"))
+    theirs, ours = (Cell("loading", row, name) for name in ("rosbags + tf2", "tfdb"))
     yield Felt("loading a recording of 1 M transforms", "rosbags, tf2", theirs, ours, "s")
     for version in (1, 2):
         row = f"CPU of a node of ROS {version} that {stream}"
-        theirs, ours = (Cell("live", row, who) for who in ("tf2_ros", "tfdb"))
-        text = f"CPU of a node of ROS {version} that {stream}"
-        yield Felt(text, ros, theirs, ours, "% of a core")
+        theirs, ours = (Cell("live", row, name) for name in ("tf2_ros", "tfdb"))
+        yield Felt(row, ros, theirs, ours, "% of a core")
     delay = "publish to return of a waiting lookup: "
-    theirs, ours = (Cell("live", f"{delay}{who}", "p50") for who in ("tf2_ros", "tfdb"))
+    theirs, ours = (Cell("live", f"{delay}{name}", "p50") for name in ("tf2_ros", "tfdb"))
     yield Felt("from a message to a lookup that waits for it", ros, theirs, ours, "ms")
-    theirs, ours = (Cell("torn", _TORN, who) for who in ("tf2", "tfdb"))
+    theirs, ours = (Cell("torn", _TORN, name) for name in ("tf2", "tfdb"))
     text = "lookups of two edges that mix two writes, beside a fast writer"
     yield Felt(text, "tf2", theirs, ours, "%")
 

@@ -90,7 +90,7 @@ def ros2(
 def _bridge(
     graph: str, store: str, origin: str | None, history: int | None, *, as_json: bool
 ) -> None:
-    from tfdb.bridge.bridge import check_origin  # noqa: PLC0415 - only who joins a graph needs it
+    from tfdb.bridge.bridge import check_origin  # noqa: PLC0415 - --help does not need it
 
     name = store.removeprefix(STORE)
     if origin is not None:
