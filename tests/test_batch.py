@@ -364,6 +364,18 @@ def test_a_trajectory_at_a_rate(robot: Robot) -> None:
     assert repr(still) == "<tfdb.Trajectory T[base<-lidar], 7 poses from 0 s to 3 s>"
 
 
+def test_a_trajectory_without_a_stored_stamp_names_the_needed_arguments() -> None:
+    buf = tfdb.Buffer()
+    buf.set_static_transform("base", "camera", (1, 0, 0))
+    buf.set_transform("map", "base", 5, (1, 0, 0))
+    for rate in (None, 10.0):
+        with pytest.raises(tfdb.InvalidArgument, match=r"no edge .* moves: give rate, start and"):
+            buf.trajectory("base", "camera", rate)
+    assert len(buf.trajectory("base", "camera", 10.0, 0, 10**9)) == 11
+    with pytest.raises(tfdb.InvalidArgument, match=r"no stored stamp from .*: give rate \(--rate"):
+        buf.trajectory("map", "camera", None, 6, 7)
+
+
 def test_a_trajectory_covers_the_common_range_of_all_edges() -> None:
     buffer = tfdb.Buffer(history=None)
     for stamp in (10, 20, 30):

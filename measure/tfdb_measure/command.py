@@ -158,7 +158,7 @@ def _driver_options(command: Any) -> Any:
     return command
 
 
-@click.command("bench", short_help="Repeat the paper's evaluation on this machine.")
+@click.command("bench", short_help="Benchmark the engines and tf2 as in 'Transactional TF'.")
 @click.option(
     "--engines",
     default="all",
@@ -205,11 +205,12 @@ def command(
     as_json: bool,
     **parameters: Any,
 ) -> None:
-    """Repeat the paper's evaluation of engines and tf2: CSV files and a report.
+    """Benchmark engines and tf2 as in 'Transactional TF': CSV files and a report.
 
     Example: tfdb bench --quick
 
-    Engines take turns in each round; figures are medians of the rounds. Ctrl-C ends the run and
+    'Transactional TF' is the paper of Ogiwara et al., IEICE Trans. E106-D(12), 2023. The engines
+    run in turn in each round. Each figure is the median of its rounds. Ctrl-C ends the run and
     reports the finished points.
 
     \b

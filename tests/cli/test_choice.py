@@ -112,7 +112,7 @@ def test_stores_refuse_options_of_recordings(tool: Any, bag: Path, tmp_path: Pat
     ("given", "words"),
     [
         (("--start", "soon"), "'soon' is not a number of seconds"),
-        (("--start", "latest"), "'latest' is not a bound"),
+        (("--start", "latest"), "'latest' is valid for lookups only"),
         (("--rename", "map=world"), "'map=world' is not FROM:=TO"),
         (("--keep", "-3"), "negative"),
         (("--keep", "0"), "keep must be a positive number of seconds"),

@@ -63,6 +63,9 @@ def test_compressed(tool: Tool, bag: Path, tmp_path: Path) -> None:
     tool("convert", bag, small, "--compress")
     assert small.stat().st_size < large.stat().st_size / 2
     same(tfdb.load(small), tfdb.load(large))
+    for arguments in (["x.rrd"], ["x.tum", "--frames", "map", "base_link"]):
+        said = tool("convert", bag, *arguments, "--compress", code=2).error
+        assert "--compress is valid for recordings only" in said
 
 
 def test_publishers_are_kept_where_the_file_can_hold_them(

@@ -66,6 +66,8 @@ def test_freeze_refuses_wrong_arguments(tool: Tool, drive: Path, frozen: Path) -
     assert "--topic is valid for recordings" in tool("info", frozen, "--topic", "/tf", code=2).error
     assert "is valid for live stores" in tool("check", frozen, "--for", "1", code=2).error
     assert "say where to write" in tool("freeze", "shm:none", code=2).error
+    said = tool("freeze", drive, "-o", drive.with_suffix(".db3"), code=2).error
+    assert ".db3' must end in .tfdb" in said
 
 
 @pytest.mark.parametrize(
@@ -91,8 +93,8 @@ def test_commands_for_recordings_refuse_frozen_stores(
 
 def test_the_help_lists_commands_without_frozen_stores(tool: Tool) -> None:
     said = " ".join(tool("--help").out.split())
-    assert "merge, rename and play read recordings and trajectories. " in said
-    assert "convert also reads .tfdb files, for a trajectory or a viewer's file. " in said
+    assert "merge, rename and play read recordings and trajectories only. " in said
+    assert "convert also reads .tfdb files, to write a trajectory or a viewer's file. " in said
     assert "monitor reads all but .tfdb files. " in said
 
 

@@ -166,8 +166,8 @@ def test_simulated_time_has_no_date(tool: Tool, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--exclude", "basse"), "exclude: nothing read from {} is called 'basse'; did"),
-        (("--rename", "basse:=b"), "rename: nothing read from {} is called 'basse'; did"),
+        (("--exclude", "basse"), "exclude: no frame, topic or node of {} matches 'basse'; did"),
+        (("--rename", "basse:=b"), "rename: no frame of {} is called 'basse'; did"),
         (("--start", "100"), "{}: nothing moves from 100 s, its stamps run from 0 s to 0.4 s"),
     ],
 )

@@ -94,7 +94,7 @@ def test_commands_that_read_recordings_are_found() -> None:
         (("shm", "list"), "did you mean 'ls'?"),
         (("shm", "inf"), "did you mean 'info'?"),
         (("serve", "ros3"), "'ros2' or 'ros1'?"),
-        (("serve", "zzzz"), "there are bag, follow, ros1, ros2"),
+        (("serve", "zzzz"), "the commands are bag, follow, ros1, ros2"),
         (("info", "--topc", "x"), "--topic"),
     ],
 )
@@ -122,7 +122,7 @@ def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> No
         code = 2 if name == "time" else 0  # no answer will come
         warned = tool(*arguments, code=code).err.splitlines()[0]
         assert warned == (
-            f"tfdb: warning: --{name} 2.5 lies before all that moves; "
+            f"tfdb: warning: --{name} 2.5 is before the first moving transform; "
             "did you mean +2.5, from the start?"
         )
 

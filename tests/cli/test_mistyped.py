@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import click
@@ -96,6 +97,14 @@ def test_a_file_that_is_mistyped_gets_the_nearest(tmp_path: Path, tool: Tool) ->
         assert refused.value.filename == str(wrong)
     with pytest.raises(FileNotFoundError, match="missing folder"):
         tfdb.load(tmp_path / "runs" / "drive.mcap")
+
+
+def test_the_name_of_a_shared_store_without_its_prefix(tool: Tool) -> None:
+    name = f"test-mistyped-{os.getpid()}"
+    with tfdb.Buffer.open(name, create=True):
+        said = tool("tree", name, code=2).error
+    tfdb.Buffer.unlink(name)
+    assert said == f"{name}: no such file; the shared store of this name is shm:{name}"
 
 
 @pytest.fixture

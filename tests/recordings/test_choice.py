@@ -297,7 +297,7 @@ def test_the_cache_keeps_choices_apart(tmp_path: Path) -> None:
         ),
         ({"frames": []}, tfdb.InvalidArgument, "frames is empty: name frames"),
         ({"frames": {"map", "base_lnk"}}, tfdb.UnknownFrame, "did you mean 'base_link'"),
-        ({"frames": "nothing like it"}, tfdb.UnknownFrame, "there are 'base_footprint'"),
+        ({"frames": "nothing like it"}, tfdb.UnknownFrame, "the frames are 'base_footprint'"),
         ({"mix": "no"}, tfdb.InvalidArgument, "mix must be True or False, got 'no'"),
         ({"by_namespace": ""}, tfdb.InvalidArgument, "by_namespace must be True or False, got ''"),
         (
@@ -357,9 +357,9 @@ def test_an_offset_where_nothing_moves(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"exclude": ["maap", "odom"]}, "exclude: nothing read from .* is called 'maap'"),
+        ({"exclude": ["maap", "odom"]}, "exclude: no frame, topic or node of .* matches 'maap'"),
         ({"rename": {"odom": "o"}, "exclude": "odom"}, "'odom' of .* is left out by exclude"),
-        ({"rename": {"maap": "world"}}, "rename: nothing read from .* is called 'maap'"),
+        ({"rename": {"maap": "world"}}, "rename: no frame of .* is called 'maap'"),
         ({"start": "+60"}, r"nothing moves from \S+ s, its stamps run from \S+ s to"),
     ],
 )
@@ -425,7 +425,7 @@ def test_an_edge_that_no_topic_has_is_named() -> None:
 def test_an_entry_without_a_topic_is_about_names_alone(samples: list[Sample]) -> None:
     """`tf*link` is not the edge of a frame that ends in link on a topic that begins with tf."""
     child = next(each.child for each in samples if each.child.endswith("link"))
-    with pytest.warns(tfdb.TfdbWarning, match="called 'tf\\*link'"):
+    with pytest.warns(tfdb.TfdbWarning, match="matches 'tf\\*link'"):
         buffer = tfdb.load(BAG, exclude="tf*link")
     assert buffer.frame_exists(child)
 

@@ -1,5 +1,5 @@
-"""The ``tfdb`` command: look into recordings of transforms from a shell.
+"""The ``tfdb`` command.
 
-Nothing here is part of the library's interface: scripts should call the command with ``--json``,
-whose keys are kept (docs/howto/command_line.md), or use :class:`tfdb.Buffer`.
+Nothing here is part of the library's interface. Scripts call the command with ``--json``, whose
+keys are stable (docs/howto/command_line.md), or use :class:`tfdb.Buffer`.
 """

@@ -1,4 +1,4 @@
-"""``python -m tfdb.cli`` is the same as ``tfdb``."""
+"""Run the ``tfdb`` command by ``python -m tfdb.cli``."""
 
 from tfdb_command import main
 

@@ -23,7 +23,7 @@ def pose_body(pose: Transform) -> dict[str, Any]:
 
 
 def quaternion_of(roll: float, pitch: float, yaw: float) -> list[float]:
-    """Quaternion x y z w of turns about the fixed x, then y, then z axis, in radians."""
+    """Return the quaternion x y z w of rotations about the fixed axes x, then y, then z."""
     turned: list[float] = tfdb.Transform(
         "fixed", "turned", (0.0, 0.0, 0.0), rpy=(roll, pitch, yaw)
     ).rotation.tolist()

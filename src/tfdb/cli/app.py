@@ -51,14 +51,14 @@ COMMANDS = {
     "convert": "Rewrite the transforms of a recording as .bag, .mcap, .db3 or a trajectory.",
     "merge": "Merge several recordings into one, sorted by time.",
     "rename": "Copy a recording with new names for its frames.",
-    "bench": "Repeat the paper's evaluation of engines and tf2: CSV files and a report.",
+    "bench": "Benchmark engines and tf2 as in 'Transactional TF': CSV files and a report.",
     "verify": "Check whether a recorded history of a store is strictly serializable.",
     "completion": "Print the script that completes tfdb's commands in a shell.",
 }
 
 
 class _ClosedPipe(Exception):  # noqa: N818 - it is not an error of the command
-    """The output takes no more."""
+    """The reader of the output has closed it."""
 
     def __init__(self, error: BrokenPipeError) -> None:
         super().__init__()
@@ -67,7 +67,7 @@ class _ClosedPipe(Exception):  # noqa: N818 - it is not an error of the command
 
 @contextlib.contextmanager
 def _pipe_apart() -> Iterator[None]:
-    """Hide a closed pipe from click and rich: they would exit with 1, the code of findings."""
+    """Hide a closed pipe from click and rich: they would exit with 1, which means findings."""
     try:
         yield
     except BrokenPipeError as error:
@@ -84,7 +84,7 @@ class TfdbGroup(SuggestingGroup):
     words: tuple[str, ...] = ("help", "version")
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Name the commands in the order of the help; one that is not installed is left out."""
+        """List the commands in the order of the help, without those that are not installed."""
         installed = checkout_only.installed()
         return [each for each in COMMANDS if installed or each not in checkout_only.COMMANDS]
 
@@ -97,7 +97,7 @@ class TfdbGroup(SuggestingGroup):
         return command
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take out what is for ROS; `help` and `version` are words for options."""
+        """Remove arguments for ROS, and convert `help` and `version` to their options."""
         if args[:1] == ["help"]:
             if "--json" in args:
                 raise click.UsageError("help has no --json", ctx)
@@ -133,7 +133,7 @@ class TfdbGroup(SuggestingGroup):
         windows_expand_args: bool = True,
         **extra: Any,
     ) -> Any:
-        """Run; unless `standalone_mode` is off, end the process: 0, 1, 2, or 128 and a signal."""
+        """Run. With `standalone_mode`, exit with 0, 1, 2, or 128 plus the number of a signal."""
         given = list(sys.argv[1:] if args is None else args)
         try:
             with warnings.catch_warnings():
@@ -162,7 +162,7 @@ _ENDS = (tfdb.TfdbError, OSError, click.ClickException, click.Abort, KeyboardInt
 
 
 def _leave(error: BaseException, given: Sequence[str]) -> NoReturn:
-    """Print why the command ends, and end the process."""
+    """Print the error that ended the command, and exit."""
     number = _signal_of(error)
     if number is not None or not isinstance(error, Exception):
         # A terminal that was closed takes no more.
@@ -179,7 +179,7 @@ def _leave(error: BaseException, given: Sequence[str]) -> NoReturn:
 
 
 def _signal_of(error: BaseException) -> int | None:
-    """Return the signal that ended the command, also where an error followed; None: none did."""
+    """Return the signal that ended the command, even if an error followed; None without one."""
     for cause in (error, error.__cause__, error.__context__):
         if isinstance(cause, KeyboardInterrupt):
             return int(getattr(cause, "number", signal.SIGINT))
@@ -187,7 +187,7 @@ def _signal_of(error: BaseException) -> int | None:
 
 
 def _command_of(given: Sequence[str]) -> str | None:
-    """Name the command of the arguments, where it is one of a group with the group."""
+    """Return the name of the command in the arguments; for a subcommand, the group's name first."""
     at = next((i for i, word in enumerate(given) if word in COMMANDS), None)
     if at is None:
         return None
@@ -200,7 +200,7 @@ def _command_of(given: Sequence[str]) -> str | None:
 def _show_warning(
     message: Warning | str, category: type[Warning], *where: Any, **more: Any
 ) -> None:
-    """Print a warning of tfdb in one line; others as Python does."""
+    """Print a TfdbWarning in one line, and other warnings as Python does."""
     if issubclass(category, tfdb.TfdbWarning):
         output.say(f"tfdb: warning: {' '.join(str(message).split())}", err=True)
     else:
@@ -242,17 +242,17 @@ def cli(ctx: click.Context) -> None:
       shm:NAME                                  a shared store of this machine
       ros1: or ros1:http://host:port            a live graph (running nodes) of ROS 1
       ros2: or ros2:7                           a live graph of ROS 2, in domain 7
-      ros2+zenoh: or ros2+zenoh:7               the same over Zenoh; needs no ROS here
-      ros2+dds: or ros2+dds:7                   the same over DDS; needs no ROS here
+      ros2+zenoh: or ros2+zenoh:7               the same over Zenoh; works without ROS
+      ros2+dds: or ros2+dds:7                   the same over DDS; works without ROS
 
-    merge, rename and play read recordings and trajectories. convert also reads .tfdb files,
-    for a trajectory or a viewer's file. monitor reads all but .tfdb files. watch reads live stores
-    and graphs. The other commands that take a FILE read all of these.
+    Most commands that take a FILE read all of these. merge, rename and play read recordings and
+    trajectories only. convert also reads .tfdb files, to write a trajectory or a viewer's file.
+    monitor reads all but .tfdb files. watch reads live stores and graphs only.
 
     --json prints the result of a command as JSON. Help is text only.
 
-    Exit codes: 0 success, 2 an error (one line on stderr). 1 means findings of 'check', 'watch' or
-    'verify', or lost data of 'record', 'publish' or 'mirror'.
+    Exit codes: 0 is success, 2 an error (one line on stderr). 'check', 'watch', 'verify', 'record',
+    'publish' and 'mirror' also use 1; their help explains it.
     """  # noqa: D301, click wants the character
     if ctx.invoked_subcommand is None:
         output.say(ctx.get_help())

@@ -4,7 +4,7 @@ import click
 
 from .checkout_only import find
 
-TEXT = """Repeat the paper's evaluation of engines and tf2: CSV files and a report.
+TEXT = """Benchmark engines and tf2 as in 'Transactional TF': CSV files and a report.
 
 Example: tfdb bench --quick
 

@@ -1,4 +1,4 @@
-"""``tfdb bridge``: a shared store and a live graph, both ways."""
+"""``tfdb bridge``: carries transforms between a shared store and a live graph."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def _origin_option(example: str) -> Callable[[Callable[..., None]], Callable[...
     return click.option(
         "--origin",
         metavar="NAME",
-        help="Name of the graph in authorities, without / and spaces."
-        f"  [default: such as {example}]",
+        help="Name of the graph, without / and spaces; the authorities of its transforms begin "
+        f"with it.  [default: such as {example}]",
     )
 
 
@@ -45,7 +45,7 @@ def ros1(
 
     Example: tfdb bridge ros1 robot1
 
-    As 'tfdb bridge ros2', with /tf and /tf_static of a ROS 1 graph. It needs no ROS package.
+    It does for a ROS 1 graph what 'tfdb bridge ros2' does for ROS 2. It needs no ROS package.
     from:=to and __name:=NAME work as in ROS.
     """
     _bridge(f"ros1:{master}", store, origin, history, as_json=as_json)
@@ -75,14 +75,16 @@ def ros2(
 
     Example: tfdb bridge ros2 --rmw zenoh robot1
 
-    Each message on /tf and /tf_static becomes one commit of the shared store, and each other commit
-    one message on /tf. All static transforms are one message on /tf_static, also for late joiners.
-    What came from the graph does not return to it: its authority begins with the graph's name. So
-    one store can join two graphs by two bridges. A second bridge to the same graph is refused. Do
-    not join two stores by two graphs: transforms would run in a circle.
+    Each message on /tf and /tf_static becomes one commit of the shared store. Each commit of other
+    writers becomes one message on /tf. Late joiners get all static transforms in one message on
+    /tf_static.
 
-    A missing store is created. The command waits for a graph that is not there yet. --ros-args
-    works as in ROS. The store stays when the command ends.
+    Transforms from the graph are not sent back to it: their authority begins with the graph's name.
+    One store can therefore join two graphs by two bridges. A second bridge to the same graph is
+    refused. Do not join two stores to the same two graphs: transforms would circulate.
+
+    A missing store is created. The command waits for a missing graph. --ros-args works as in ROS.
+    The store stays when the command ends.
     """
     _bridge(f"ros2+{rmw}:{domain}", store, origin, history, as_json=as_json)
 

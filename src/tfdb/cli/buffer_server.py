@@ -36,7 +36,7 @@ from .times import duration_option
     default="120",
     show_default=True,
     callback=duration_option,
-    help="Seconds of transforms that are kept from the graph.",
+    help="Seconds of history to keep of the graph.",
 )
 @node_option
 @common.json_option

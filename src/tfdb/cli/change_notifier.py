@@ -64,7 +64,7 @@ _KEPT = 10 * NS
     default=10.0,
     show_default=True,
     metavar="HZ",
-    help="Largest number of checks per second; in a recording, per second of its time.",
+    help="Largest number of checks per second; for a recording, per recorded second.",
 )
 @click.option(
     "--to",
@@ -72,7 +72,7 @@ _KEPT = 10 * NS
     metavar="TOPIC",
     default="tf_changes",
     show_default=True,
-    help="Topic of the changes in a graph, as tf2_msgs/TFMessage.",
+    help="Topic on which a graph gets the changes, as tf2_msgs/TFMessage.",
 )
 @node_option
 @selection_options
@@ -91,9 +91,9 @@ def command(
 
     Example: tfdb change-notifier ros1: --pair map base_link --distance 0.5
 
-    Prints each motion by more than --distance or --angle, like tf's change_notifier, and the first
-    pose. In a live graph (ros1:, ros2:) it publishes the transform as well. FILE may be a shared
-    store (shm:NAME) or a recording.
+    It prints the first pose, then each motion by more than --distance or --angle, like tf's
+    change_notifier. In a live graph (ros1:, ros2:) it also publishes these transforms. FILE may be
+    a shared store (shm:NAME) or a recording.
     """
     watched = [Pair(*pair) for pair in pairs or (("map", "base_link"),)]
     told = Told(file, distance, angle, as_json=as_json)
@@ -144,7 +144,7 @@ def _steps(span: tuple[int, int] | None, rate: float) -> Iterator[int]:
 
 @dataclass
 class Pair:
-    """Two frames, and where one was in the other when that was told last."""
+    """Two frames, and the last reported pose of one in the other."""
 
     target: str
     source: str
@@ -156,7 +156,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Told:
-    """Tells of changes that are large enough."""
+    """Reports motions beyond the limits."""
 
     file: str
     distance: float
@@ -164,7 +164,7 @@ class Told:
     as_json: bool
 
     def look(self, store: StoreReader, pair: Pair, stamp: int | None) -> Transform | None:
-        """Return where a pair is, and tell of it, if it has moved."""
+        """Report a pair's pose if it has moved beyond a limit."""
         try:
             found = store.lookup_transform(pair.target, pair.source, stamp)
         except NO_ANSWER_YET:
@@ -198,8 +198,8 @@ class Told:
 
 
 def _between(one: Transform, other: Transform) -> tuple[float, float]:
-    """Metres and radians between two poses."""
+    """Return the distance in metres and the angle in radians between two poses."""
     moved = math.dist(one.translation, other.translation)
-    # From the chord, which is exact for small angles; q and -q are one rotation.
+    # The chord of the angle is exact for small angles; q and -q are the same rotation.
     chord = min(math.dist(one.rotation, sign * other.rotation) for sign in (1, -1))
     return moved, 4 * math.asin(min(1.0, chord / 2))

@@ -1,4 +1,4 @@
-"""``tfdb check``: faults of a recording."""
+"""``tfdb check``: finds faults of a recording."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     default="1",
     show_default=True,
     callback=duration_option,
-    help="Largest allowed jump between stamps and arrival times.",
+    help="Largest allowed change of the delay from stamp to arrival.",
 )
 @click.option(
     "--coverage",
@@ -101,8 +101,8 @@ def command(
     data checked. A shared store (shm:NAME) is checked as it is, or watched with --for. A frozen
     store (FILE.tfdb) is compared with its checksum first.
 
-    With --expect, each broken expectation is a finding. For an edge with a deadline it replaces the
-    findings 'gap' and 'coverage', for an edge with max_late the finding 'late'.
+    With --expect, each broken expectation is a finding. The deadline of an edge replaces its
+    findings 'gap' and 'coverage'. The limit max_late of an edge replaces its finding 'late'.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     expected = None if expect is None else tfdb.Expectations.read(expect)
@@ -135,7 +135,7 @@ def command(
 def judge_expectations(
     arrivals: Arrivals, expected: Expectations, found: list[Finding]
 ) -> list[Finding]:
-    """Return what was found, with the broken expectations in place of what they judge."""
+    """Return the findings; broken expectations replace the findings on the same property."""
     from tfdb.judging.expectations import edge_limits  # noqa: PLC0415 - with --expect alone
     from tfdb.judging.proposing import broken_expectations, judge_recording  # noqa: PLC0415
 
@@ -156,7 +156,7 @@ def judge_expectations(
 
 
 def examined(names: tuple[str, ...], length: int | None) -> tuple[common.Loaded, Arrivals]:
-    """Load what is to be examined, and say what arrived how; warn only of unused options."""
+    """Load the data to examine, with their arrivals. Warns only of options without effect."""
     if length is not None and not common.is_live(names[0]):
         raise click.UsageError(
             "--for is valid for live stores and graphs only: give shm:NAME, ros1: or ros2:"
@@ -196,7 +196,7 @@ def _trees(loaded: common.Loaded) -> list[Finding]:
     sizes = [(root, sum(1 for _ in forest.walk(root))) for root in forest.roots]
     if loaded.report is None or not loaded.selection.by_namespace:
         return disconnected(sizes)
-    # Groups of topics that are kept apart are trees of their own.
+    # Each group of topics with its own prefix is a separate tree.
     topics = [topic.name for topic in loaded.report.topics]
     before = loaded.selection.choice.prefix
     prefixes = {before + prefix_of_topic(name, transforms=True) for name in topics}
@@ -237,7 +237,7 @@ def _mixed(loaded: common.Loaded) -> list[Finding]:
 
 
 def _repeated(loaded: common.Loaded) -> list[Finding]:
-    """Rows of trajectory files that a later row with another pose replaces."""
+    """Find rows of trajectory files that a later row with another pose replaces."""
     return [
         Finding("repeated", (), f"{rows.path}: {rows.summary}", None, rows.differing)
         for rows in (loaded.report.trajectories if loaded.report else ())
@@ -328,7 +328,7 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
 
 
 def _show_narrow(out: Console, finding: Finding) -> None:
-    """Print a finding in lines of its own, where one line is too short for it."""
+    """Print a finding on several lines, because it does not fit into one."""
     frames = "".join(f" {name}," for name in _frames(finding)).rstrip(",")
     names = [layout.safe(name) for name in finding.frames]
     heading = [finding.severity, f" {finding.kind}:", *layout.words(frames, *names)]
@@ -339,7 +339,7 @@ def _show_narrow(out: Console, finding: Finding) -> None:
 
 
 def _frames(finding: Finding) -> list[str]:
-    """The frames of a finding as they are shown; of many, the first."""
+    """List the frames of a finding; of more than three, the first ones and a count."""
     frames = [layout.safe(name) for name in finding.frames[:3]]
     if len(finding.frames) > 3:
         frames[-1] += f" and {len(finding.frames) - 3} more"

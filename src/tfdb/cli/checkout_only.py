@@ -13,16 +13,16 @@ COMMANDS = ("bench", "verify")
 
 
 class MeasureMissing(tfdb.TfdbError):
-    """The programs that measure are not installed. Fields: value."""
+    """The measuring programs are not installed. Field: value."""
 
 
 def installed() -> bool:
-    """Whether this installation has the programs."""
+    """Return whether this installation has the measuring programs."""
     return importlib.util.find_spec("tfdb_measure") is not None
 
 
 def find(name: str, module: str, text: str) -> click.Command:
-    """Import the command; where it is not installed: a command that raises `MeasureMissing`."""
+    """Import the command. If it is not installed, return one that raises `MeasureMissing`."""
     if not installed():
         return _without(name, text)
     command: click.Command = importlib.import_module(f"tfdb_measure.{module}").command

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from tfdb.recordings.open_recordings import OpenRecordings
 
 _COMPLETION_MESSAGES = 200
-"""So many messages of each kind does completion read: a shell must not seem to hang."""
+"""Messages of each kind that completion reads: few, so that the shell responds at once."""
 
 files_argument: Callable[[FC], FC] = click.argument(
     "files", nargs=-1, required=True, metavar="FILE...", type=click.Path()
@@ -61,7 +61,7 @@ json_lines_option: Callable[[FC], FC] = click.option(
 
 
 def open_selected(paths: Sequence[Path]) -> OpenRecordings:
-    """Open recordings to read what the command was told to; report what is lost of them."""
+    """Open recordings to read the part that the options select; report their losses."""
     from tfdb.recordings.open_recordings import open_recordings  # noqa: PLC0415 - not for frozen stores
     from tfdb.trajectories.reading_report import warn_of_rows  # noqa: PLC0415
 
@@ -78,7 +78,7 @@ def open_selected(paths: Sequence[Path]) -> OpenRecordings:
 
 
 def refuse_frozen(paths: Iterable[Path]) -> None:
-    """Refuse frozen stores where messages are wanted."""
+    """Refuse frozen stores, because they have no messages."""
     for path in paths:
         if is_frozen(path):
             raise click.UsageError(
@@ -88,7 +88,7 @@ def refuse_frozen(paths: Iterable[Path]) -> None:
 
 
 def report_losses(losses: Iterable[Loss]) -> None:
-    """Say on stderr what salvaging could not save."""
+    """Print the losses of salvaged files on stderr."""
     for loss in losses:
         output.say(f"tfdb: salvaged {loss}", err=True)
 
@@ -120,70 +120,81 @@ format_option: Callable[[FC], FC] = click.option(
     "--format",
     "kind",
     type=OneOf(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
-    help="Format of a written trajectory.  [default: by the ending of OUT; .txt is TUM]",
+    help="Format of a written trajectory.  [default: by the extension of OUT; .txt is TUM]",
 )
 overwrite_option: Callable[[FC], FC] = click.option(
-    "--overwrite", is_flag=True, help="Replace OUT if it exists."
+    "--overwrite", is_flag=True, help="Replace the output file if it exists."
 )
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a command reads, and how it got there.
+    """The data that a command reads.
 
-    `store` is a recording in memory, what was heard of a graph, a frozen store, or the state in
-    which a live store was found: only the first has a `report`.
+    `store` holds a recording, the transforms received from a graph, a frozen store, or the newest
+    state of a live store. Only a recording has a `report`.
     """
 
     store: Buffer | Snapshot
     report: LoadReport | None
     names: tuple[str, ...]
     selection: Selection = field(default_factory=Selection)
-    """What was read, where sources disagree as it was shown."""
+    """The part that was read; if sources disagree, as it is shown."""
     now: int | None = None
-    """When what is live was found so, by the clock of the graph or of the store."""
+    """Time of the state of a live graph or store, by its clock."""
     mixed: tfdb.errors.MixedSources | None = None
-    """Why groups of topics have prefixes, or sources that disagree are mixed, unasked."""
+    """The disagreement for which prefixes were added, or sources mixed, without such an option."""
     shown: str = ""
-    """How sources that disagree were loaded."""
+    """How sources that disagree were loaded, as text."""
 
     def warn_of_mixture(self) -> None:
-        """Warn of sources that disagree, and say how they are shown."""
+        """Warn of sources that disagree; the warning describes how they are shown."""
         if self.mixed is not None:
             text = f"{self.mixed}. Shown here: {self.shown}"
             warnings.warn(text, tfdb.TfdbWarning, stacklevel=3)
 
     @property
     def live(self) -> bool:
-        """Whether it is a live store or graph."""
+        """Whether the data come from a live store or graph."""
         return is_live(self.names[0])
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """The first and the last moving stamp in nanoseconds; None where nothing moves."""
+        """The first and the last moving stamp in nanoseconds; None if no edge moves."""
         return self.store._span()
 
 
 def is_live(name: str) -> bool:
-    """Whether a name is that of a live store or graph."""
+    """Return whether a name is that of a live store or graph."""
     return name.startswith(STORE) or is_graph(name)
 
 
 def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
-    """Check that the files exist; where one does not, name the nearest that does."""
+    """Check that the files exist. The error for a missing one names the most similar file."""
     paths = tuple(check_path(name) for name in names)
     for name in names:
         if is_live(name):
             what = "graph" if is_graph(name) else "store"
             raise click.UsageError(f"{name} is a live {what}; this command reads files only")
-    for path in paths:
+    for name, path in zip(names, paths, strict=True):
         if not path.exists():
-            raise missing_file(path)
+            raise _missing(name, path)
     return paths
 
 
+def _missing(name: str, path: Path) -> FileNotFoundError:
+    """Make the error of a file that does not exist; a shared store may have its name."""
+    from tfdb.store.shared import path_of  # noqa: PLC0415 - only for this error
+
+    with suppress(tfdb.TfdbError):  # a name cannot be a path
+        if path_of(name).exists():
+            text = f"no such file; the shared store of this name is {STORE}{name}"
+            return FileNotFoundError(errno.ENOENT, text, name)
+    return missing_file(path)
+
+
 def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
-    """Refuse an output without a folder, one of the inputs, or one that exists already."""
+    """Refuse an output in a missing folder, one that is an input, and one that exists."""
     from tfdb.data.new_file import is_one_of, refuse_existing  # noqa: PLC0415 - for what is written
 
     path = check_path(out)
@@ -209,14 +220,14 @@ def load(
     apart: bool = False,
     arrivals: ArrivalReader | None = None,
 ) -> Loaded:
-    """Load what the command was told to read into one store that keeps everything.
+    """Load the selected data into one store that keeps everything.
 
-    `apart`: where sources disagree, warn and return the error in `mixed`. Groups of topics are then
-    loaded each under its own prefix, as by `--by-namespace`. Groups whose prefixes make one name,
-    and files, are mixed, as by `--mix`. `arrivals` is given each message of recordings.
+    `apart`: if sources disagree, warn and return the error in `mixed`. Groups of topics then get
+    prefixes, as by `--by-namespace`. Files, and groups whose prefixed names are equal, are mixed,
+    as by `--mix`. `arrivals` gets each message of recordings.
 
-    A live or a frozen store is read as it is; `verify`: the latter is compared with its checksum. A
-    graph is listened to, until `there` holds of what was heard or the time is over.
+    A live or frozen store is read as it is; `verify` compares a frozen one with its checksum. From
+    a graph the command receives until `there` holds for the store, or the time is over.
     """
     if any(is_graph(name) for name in names):
         refuse_selection(names, "a graph", "ros1: or ros2:")
@@ -247,11 +258,11 @@ def _load(
     *,
     apart: bool,
 ) -> Loaded:
-    """Load recordings; `apart`: sources that disagree as well."""
+    """Load recordings; `apart` as in `load`."""
     from tfdb.recordings.load import load_into  # noqa: PLC0415 - not for frozen stores
 
     store, selection, names = tfdb.Buffer(history=None), selected(), tuple(map(str, paths))
-    # Options with names of frames differ where groups of topics are kept apart.
+    # Prefixes would change the meaning of options that name frames.
     apart = apart and not given().keys() & {"frames", "exclude", "rename", "urdf"}
     mixed, shown = None, ""
     while True:
@@ -270,13 +281,13 @@ def _load(
 
 
 def open_live(name: str) -> Buffer:
-    """Open the store of `shm:NAME` to read it."""
+    """Open the store `shm:NAME` for reading."""
     return tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
 
 
 @contextmanager
 def bar_on_stderr(columns: Callable[[], Sequence[ProgressColumn]]) -> Iterator[Bar | None]:
-    """Give a bar on stderr that vanishes at the end; None where that is not a terminal."""
+    """Yield a progress bar on stderr that vanishes at the end; None without a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -295,7 +306,7 @@ def bar_on_stderr(columns: Callable[[], Sequence[ProgressColumn]]) -> Iterator[B
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Give a callback (done, total) that moves a bar on stderr; None without a terminal."""
+    """Yield a callback (done, total) that moves a progress bar; None without a terminal."""
 
     def columns() -> Sequence[ProgressColumn]:
         from rich.progress import TextColumn, TimeElapsedColumn  # noqa: PLC0415 - see `output`
@@ -311,9 +322,9 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
 
 
 def find_frames(store: StoreReader, *names: str) -> tuple[str, ...]:
-    """Return the names as the recording has them; refuse others, and say which are near.
+    """Return the names as the recording has them. The error for others suggests similar names.
 
-    A name may begin with the slash that messages may have, and loading drops.
+    A name may begin with a slash: messages may have it, and loading drops it.
     """
     known = store.frames()
     return tuple(_find_frame(name, known) for name in names)
@@ -332,7 +343,7 @@ def _find_frame(name: str, known: Sequence[str]) -> str:
 
 
 def explain_range(store: StoreReader, target: str, source: str) -> str:
-    """Say where the two frames have data in common; empty when nothing moves between them."""
+    """Describe the stamps at which a path has data; empty if no edge of it moves."""
     common = common_range(store, target, source)
     if common is None:
         return ""
@@ -345,7 +356,7 @@ def explain_range(store: StoreReader, target: str, source: str) -> str:
 
 
 def common_range(store: StoreReader, target: str, source: str) -> tuple[int, int] | None:
-    """Find the first and last stamp at which all moving edges between two frames have data."""
+    """Return the first and last stamp at which all moving edges of a path have data."""
     forest = Forest(store.tree())
     ours, theirs = forest.chain(target), forest.chain(source)
     while ours and theirs and ours[-1].name == theirs[-1].name:
@@ -362,7 +373,7 @@ def common_range(store: StoreReader, target: str, source: str) -> tuple[int, int
 
 
 def parse_policy(ctx: click.Context, param: click.Parameter, value: str | None) -> Any:
-    """Make the policy of ``name[:seconds]``, None without one."""
+    """Make a policy from the text ``name[:seconds]``; None without a text."""
     if value is None or ctx.resilient_parsing:
         return None
     name, colon, limit = value.partition(":")
@@ -392,13 +403,13 @@ policy_option: Callable[[FC], FC] = click.option(
     "--policy",
     metavar="POLICY",
     callback=parse_policy,
-    help="How to use the samples around a time: interpolate[:MAX_GAP], exact, previous[:MAX_AGE], "
-    "nearest[:TOLERANCE] or extrapolate:MAX; limits in seconds.  [default: interpolate]",
+    help="Use of the samples around a time: interpolate[:MAX_GAP], exact, previous[:MAX_AGE], "
+    "nearest[:TOLERANCE] or extrapolate:MAX. Limits are in seconds.  [default: interpolate]",
 )
 
 
 def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[str]:
-    """Offer frames of the recording to the shell; none where it cannot be read."""
+    """Complete a frame name; without candidates if the recording cannot be read."""
     try:
         return sorted(f for f in _example_frames(ctx.params["file"]) if f.startswith(incomplete))
     except (tfdb.TfdbError, OSError, KeyError, TypeError):
@@ -406,7 +417,7 @@ def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str
 
 
 def _example_frames(path: str) -> set[str]:
-    """Frames of the first static and of the first moving transforms."""
+    """Return the frames of the first static and the first moving transforms."""
     if is_graph(path):
         return set()  # a shell does not wait for it
     if path.startswith(STORE):

@@ -1,4 +1,4 @@
-"""``tfdb compare``: errors of an estimated trajectory against a reference."""
+"""``tfdb compare``: measures an estimated trajectory against a reference."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _UNITS = ("frames", "m", "s", "deg", "rad")
 
 
 def _offset(ctx: click.Context, param: click.Parameter, value: str | None) -> Any:
-    """Click's callback for a length of time with a sign, or for `estimate`."""
+    """Convert an option's text: a signed number of seconds, or `estimate`."""
     if value == "estimate":
         return value
     found = offset_option(ctx, param, value)
@@ -50,8 +50,9 @@ _OPTIONS = (
         type=OneOf(("interpolate", "nearest", "rows")),
         default="interpolate",
         show_default=True,
-        help="Match poses by interpolating the trajectory with more poses, by the nearest pose "
-        "(evo's default), or row by row. KITTI poses without times need rows.",
+        help="interpolate: interpolate the trajectory with more poses at the stamps of the other. "
+        "nearest: match the nearest pose, as evo does. rows: match row by row, the default for two "
+        "KITTI files without times.",
     ),
     click.option(
         "--max-diff",
@@ -73,14 +74,15 @@ _OPTIONS = (
         type=OneOf(_ALIGN),
         default="se3",
         show_default=True,
-        help="Align before the comparison: rotation and translation (se3), these and a scale "
-        "(sim3), the scale alone, yaw and translation, the first poses (origin), nothing.",
+        help="Transform to fit before the comparison. se3: rotation and translation. sim3: also a "
+        "scale. scale: only a scale. yaw: yaw angle and translation. origin: make the first poses "
+        "equal.",
     ),
     click.option(
         "--align-poses",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Align by the first N matched poses only.",
+        help="Fit the first N matched poses only.",
     ),
     click.option(
         "--delta",
@@ -117,7 +119,7 @@ _OPTIONS = (
 
 
 def comparison_options(command: FC) -> FC:
-    """Give a command all options of a comparison."""
+    """Add all options of a comparison to a command."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
@@ -138,8 +140,8 @@ def comparison_options(command: FC) -> FC:
     "saved",
     multiple=True,
     metavar="FORMAT|PATH",
-    help="Draw both and the errors over time: write ESTIMATE_compare.FORMAT here (png, svg, pdf), "
-    "or the given path; repeatable.",
+    help="Draw both trajectories and the errors over time. A FORMAT (png, svg, pdf) writes "
+    "ESTIMATE_compare.FORMAT into the current folder. Repeatable.",
 )
 @common.overwrite_option
 @selection_options
@@ -158,8 +160,8 @@ def command(
 
     Example: tfdb compare truth.tum drive.mcap --frames map base_link --save png
 
-    Each is a TUM, KITTI, EuRoC, CSV or NPZ file, or a recording, FILE.tfdb or shm:NAME with
-    --frames. Translations in metres, rotations in degrees.
+    REFERENCE and ESTIMATE are TUM, KITTI, EuRoC, CSV or NPZ files. With --frames they may also be
+    recordings, FILE.tfdb or shm:NAME. Translations are in metres, rotations in degrees.
     """
     read = common.find_paths([name for name in (reference, estimate) if not common.is_live(name)])
     outs = picture_files(saved, estimate, "compare")
@@ -185,7 +187,7 @@ def command(
 
 
 def _has_frames(name: str) -> bool:
-    """Whether a name is that of a store or a recording, not that of a trajectory."""
+    """Return whether a name is that of a store or recording, which need `--frames`."""
     from tfdb.comparing.inputs import is_recording  # noqa: PLC0415 - brings numpy
 
     if common.is_live(name):
@@ -195,7 +197,7 @@ def _has_frames(name: str) -> bool:
 
 
 def title_of(reference: str, estimate: str) -> str | None:
-    """Name files of trajectories, whose frames have no names; None: by the frames."""
+    """Return a title with the file names of trajectories; None if frames name the picture."""
     if any(map(_has_frames, (reference, estimate))):
         return None
     return f"{check_path(estimate).name} against {check_path(reference).name}"
@@ -208,9 +210,9 @@ def find(
     how: str,
     options: dict[str, Any],
 ) -> tuple[Comparison, Trajectory, Trajectory]:
-    """Read both and compare them, by the options that `comparison_options` gives.
+    """Read and compare both, with the options of `comparison_options`.
 
-    `how` says where the frames are named.
+    `how` is the command's syntax for the frames, for errors.
     """
     chosen = given()
     unit = chosen.pop("stamp_unit", None)
@@ -241,7 +243,7 @@ def _read(
     how: str,
     reading: Reading,
 ) -> Trajectory:
-    """Read one of the two."""
+    """Read the reference or the estimate."""
     if not _has_frames(name):
         from tfdb.comparing.inputs import to_trajectory  # noqa: PLC0415 - brings numpy
 
@@ -254,7 +256,7 @@ def _read(
 
 
 def _given(role: str, name: str, trajectory: Trajectory, *, named: bool) -> str:
-    """One of the two in words."""
+    """Describe the reference or the estimate."""
     chunks = layout.words(f"{role:<10} {name}", name)
     if named:
         first, *rest = layout.transform_name(trajectory.target, trajectory.source)

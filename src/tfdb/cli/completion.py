@@ -1,4 +1,4 @@
-"""``tfdb completion``: the script for a shell."""
+"""``tfdb completion``: prints the completion script of a shell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands that publish and mirror share: options, events, their end."""
+"""Common code of `publish` and `mirror`: options of the connection, printed events."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def connected(
     *,
     wait: float | None = None,
 ) -> Iterator[Session]:
-    """Give the connection of the options.
+    """Open the connection that the options describe.
 
-    It waits for a router that is not there yet, and calls `missing` once.
+    It waits for a missing router, and calls `missing` once.
     """
     from tfdb.net import Session  # noqa: PLC0415 - Zenoh is an extra
 
@@ -72,7 +72,7 @@ def connected(
 
 
 def follow_events(command: str, what: Home | Mirror, *, as_json: bool) -> None:
-    """Print events until Ctrl-C, or until it has ended. Raises the error that ended it."""
+    """Print events until Ctrl-C, or until `what` ends. Raises the error that ended it."""
     logging.getLogger("tfdb.net").addHandler(logging.NullHandler())  # else stderr has them as well
     with suppress(KeyboardInterrupt):  # the usual end
         for event in what.events():

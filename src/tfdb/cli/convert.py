@@ -1,4 +1,4 @@
-"""``tfdb convert``: the transforms of a recording in another kind of file."""
+"""``tfdb convert``: writes the transforms of a recording in another format."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def command(
         )
     if foxglove and suffix != ".mcap":
         raise click.UsageError(f"--foxglove writes .mcap, not {out!r}")
-    if compress and (foxglove or suffix == RERUN):
-        raise click.UsageError("--compress is valid for recordings, not for a viewer's file")
+    if compress and (foxglove or suffix == RERUN or is_trajectory):
+        raise click.UsageError("--compress is valid for recordings only: .mcap, .bag")
     if (frames is not None) != is_trajectory:
         if is_trajectory:
             raise click.UsageError(f"{out!r} is a trajectory: name its --frames TARGET SOURCE")
@@ -110,7 +110,7 @@ def command(
 
 
 def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path:
-    """Check where a recording is to be written."""
+    """Check the path of a recording to write."""
     path = check_path(out)
     if path.suffix.lower() not in RECORDINGS:
         raise click.UsageError(unknown_ending(out, RECORDINGS))
@@ -119,7 +119,7 @@ def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path
 
 
 def describe(written: Written) -> str:
-    """Say what was written."""
+    """Describe the written transforms."""
     text = f"{counted(written.transforms, 'transform')} in {counted(written.messages, 'message')}"
     if written.refused:
         text += f", {counted(written.refused, 'transform')} refused"
@@ -127,7 +127,7 @@ def describe(written: Written) -> str:
 
 
 def body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
-    """Return it as JSON."""
+    """Return the result as JSON."""
     return {
         "files": [str(path) for path in inputs],
         "output": out,
@@ -141,7 +141,7 @@ def body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
 def write_selected(
     inputs: Sequence[Path], writer: RecordingWriter, *, strict: bool = False
 ) -> Written:
-    """Write what was selected of recordings; `strict`: every frame to be renamed is there."""
+    """Write the selected part of recordings; `strict`: each frame to rename must exist."""
     with common.open_selected(inputs) as recordings:
         rewriter = recordings.rewriter(one_tree=False)
         if not recordings.count:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     default=1.0,
     show_default=True,
     metavar="HZ",
-    help="Prints per second; in a recording, per second of its time.",
+    help="Transforms per second; from a recording, per recorded second.",
 )
 @click.option(
     "--each",
@@ -59,7 +59,8 @@ if TYPE_CHECKING:
     "--offset",
     metavar="SECONDS",
     callback=offset_option,
-    help="Look up this many seconds after now, by the graph's clock; negative: before now.",
+    help="Look up this many seconds after now, by the graph's clock. A negative number is before "
+    "now.",
 )
 @click.option("-l", "--limit", type=click.IntRange(min=1), help="Stop after this many transforms.")
 @click.option(
@@ -77,7 +78,7 @@ if TYPE_CHECKING:
     default="10",
     show_default=True,
     callback=duration_option,
-    help="Seconds of transforms that are kept from a graph.",
+    help="Seconds of history to keep of a graph.",
 )
 @common.policy_option
 @node_option
@@ -102,9 +103,10 @@ def command(
 
     Example: tfdb echo ros1: map base_link
 
-    Prints the newest T[TARGET<-SOURCE] once a second until Ctrl-C, and the first one without delay.
-    It maps a point of SOURCE into TARGET. Errors go to stderr. FILE is a live graph (ros1:, ros2:),
-    a shared store (shm:NAME), or a recording, which is played at the rate.
+    It prints the newest T[TARGET<-SOURCE] at once, then once a second until Ctrl-C. The transform
+    maps a point of SOURCE into TARGET. Errors go to stderr. FILE is a live graph (ros1:, ros2:), a
+    shared store (shm:NAME) or a recording. From a recording it prints, without waiting, one
+    transform per recorded second.
 
     The arguments have the order of tf2_echo, whose 'source_frame' is TARGET here: 'tf2_echo map
     base' and 'tfdb echo ros1: map base' print the same.
@@ -129,7 +131,7 @@ def command(
     for now in _steps(loaded, question.found_in(loaded), rate, limit):
         found = question.ask(loaded.store, now)
         answered |= isinstance(found, tfdb.Transform)
-        if answered or question.time.ns is None:  # why one question has no answer is the error
+        if answered or question.time.ns is None:  # with --time, a failed lookup is the error
             printer.show(found, now)
     if not answered and isinstance(found, tfdb.TfdbError):
         raise found
@@ -137,7 +139,7 @@ def command(
 
 @dataclass
 class Question:
-    """What is asked again and again."""
+    """The lookup that is repeated."""
 
     target: str
     source: str
@@ -146,22 +148,22 @@ class Question:
     policy: Any
 
     def plain(self) -> Question:
-        """The same without slashes that no stored name begins with."""
+        """Drop leading slashes of the frames: stored names have none. Returns itself."""
         self.target, self.source = self.target.removeprefix("/"), self.source.removeprefix("/")
         return self
 
     def found_in(self, loaded: common.Loaded) -> Question:
-        """The same with the recording's names and span. Raises UnknownFrame."""
+        """Resolve frames and time in a recording. Returns itself; raises UnknownFrame."""
         self.target, self.source = common.find_frames(loaded.store, self.target, self.source)
         stamp = self.time.resolve(loaded.span)
         warn_of_bounds(loaded.span, time=self.time)
         if stamp is None and self.offset is None:
-            self.offset = 0  # the newest that there was then
+            self.offset = 0  # the newest transform at each time
         self.time = TimeSpec(self.time.text, stamp)
         return self
 
     def ask(self, store: StoreReader, now: int) -> Transform | tfdb.TfdbError:
-        """Print the answer, or why it is missing."""
+        """Return the transform, or the error of a lookup that may succeed later."""
         stamp = self.time.ns if self.offset is None else max(now + self.offset, 0)
         try:
             return store.lookup_transform(self.target, self.source, stamp, self.policy)
@@ -172,7 +174,7 @@ class Question:
 def echo(
     live: Live, question: Question, period: float | None, printer: Printer, limit: int | None
 ) -> None:
-    """Print at a rate, woken by the clock, or whatever is new, woken by commits."""
+    """Print at a rate; without a `period`, print each new transform when a commit brings it."""
     left = math.inf if limit is None else limit
     tick = time.monotonic()
     last: tuple[int, bytes] | None = None
@@ -197,13 +199,13 @@ def echo(
         if isinstance(found, tfdb.Transform):
             live.sleep(tick)
         else:
-            live.wait(tick)  # a commit may bring the answer before
+            live.wait(tick)  # a commit may bring the transform earlier
 
 
 def _steps(
     loaded: common.Loaded, question: Question, rate: float, limit: int | None
 ) -> Iterator[int]:
-    """Times of a recording at which to ask; one where a single time is asked for."""
+    """Yield the times at which to look up a recording; only one if --time is given."""
     span = loaded.span
     count = 0
     if span is None or question.time.ns is not None:
@@ -228,7 +230,7 @@ def _children(found: Transform) -> list[str]:
 
 @dataclass
 class Printer:
-    """Prints answers and, once each, what keeps them away."""
+    """Prints transforms and errors; a repeated error is printed once."""
 
     file: str
     precision: int
@@ -294,11 +296,11 @@ class Printer:
     @staticmethod
     def _age(found: Transform, now: int) -> str:
         if found.report.timeless:
-            return "none, nothing moves between the two"
+            return "none, because no edge of the path moves"
         text = format_duration(now - found.stamp)
         if abs(now - found.stamp) >= ANOTHER_CLOCK:
             where = "behind" if found.stamp < now else "ahead of"
-            text = f"none, the stamp is {text.removeprefix('-')} {where} the clock"
+            text = f"none, because the stamp is {text.removeprefix('-')} {where} the clock"
             text += " (replayed, of another clock, or a past time)"
         widest = max(found.report.edges, key=lambda edge: edge.gap)
         if widest.gap == 0:

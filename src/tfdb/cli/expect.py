@@ -1,4 +1,4 @@
-"""``tfdb expect``: expectations that a good recording meets; the option `--expect` of others."""
+"""``tfdb expect``: proposes expectations. Also the option `--expect` of other commands."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 def expect_option_of(*, required: bool) -> Callable[[FC], FC]:
-    """Give a command the option `--expect`."""
+    """Return a decorator that adds the option `--expect` to a command."""
     return click.option(
         "--expect",
         metavar="EXPECTATIONS.toml",
         type=click.Path(),
         required=required,
-        help="Check the data against the expectations of this file; 'tfdb expect' writes one.",
+        help="Check the data against the expectations in this file. 'tfdb expect' writes one.",
     )
 
 
@@ -68,9 +68,10 @@ def command(
 
     Example: tfdb expect drive.mcap -o expectations.toml
 
-    The deadline of an edge is the greater of its longest interval between samples and twice their
-    99.9th percentile. The other limits are twice the largest value. The recording meets them all.
-    'tfdb check', 'tfdb watch' and 'tfdb monitor' check other data: --expect OUT.
+    The deadline of an edge comes from the intervals between its samples: the longest one, or twice
+    their 99.9th percentile if that is greater. Every other limit is twice the largest measured
+    value. The recording meets all limits. To check other data, give OUT to --expect of 'tfdb
+    check', 'tfdb watch' or 'tfdb monitor'.
     """
     from tfdb.judging.proposing import judge_recording, propose_for  # noqa: PLC0415 - with numpy
 

@@ -26,10 +26,10 @@ history_option: Callable[[FC], FC] = click.option(
     default="10",
     show_default=True,
     callback=duration_option,
-    help="Seconds of transforms that a new store keeps.",
+    help="Seconds of history that a new store keeps.",
 )
 
 
 def open_store(name: str, history: int | None) -> Buffer:
-    """Open a store, or make it."""
+    """Open a shared store; create it if it is missing."""
     return tfdb.Buffer.open(name, history=None if history is None else history / NS)

@@ -1,4 +1,4 @@
-"""``tfdb freeze``: a recording as a file that opens at once."""
+"""``tfdb freeze``: writes a recording into a frozen store."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 import tfdb
+from tfdb.data.argument_checks import unknown_ending
 from tfdb.data.counting import counted
 from tfdb.data.path_checks import check_path
 from tfdb.store.frozen import SUFFIX
@@ -43,9 +44,9 @@ def command(
     Example: tfdb freeze drive.mcap -o drive.tfdb
 
     tfdb.open and most commands, such as 'tfdb lookup', read OUT. Several FILEs are parts of one
-    recording. A shared store (shm:NAME) is written in its newest state; a live graph (ros1:, ros2:)
-    is recorded first. Only this version of tfdb on this kind of machine reads OUT: keep the
-    recording.
+    recording. Of a shared store (shm:NAME) the newest state is written. To a live graph (ros1:,
+    ros2:) the command listens first. Keep the recording: other versions of tfdb and other kinds of
+    machines cannot read OUT.
     """
     live = any(common.is_live(name) for name in files)
     inputs = () if live else common.find_paths(files)
@@ -55,6 +56,8 @@ def command(
         first = check_path(files[0])
         first = first if first.name.strip(".") else first.resolve()
         out = str(first.with_name(first.name if first.is_dir() else first.stem)) + SUFFIX
+    if not out.endswith(SUFFIX):
+        raise click.UsageError(unknown_ending(out, (SUFFIX,)))
     common.check_output(out, inputs, overwrite=overwrite)
     loaded = common.load(files)
     loaded.store.freeze(out, overwrite=overwrite)

@@ -1,4 +1,4 @@
-"""``tfdb gaps``: each gap of each edge, with its time and publishers."""
+"""``tfdb gaps``: lists the gaps of each edge."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _row(hole: Hole, limit: int | None) -> tuple[Any, ...]:
 
 
 def _length(length: int, limit: int | None) -> str:
-    """Describe a length. One that would be rounded to the limit gets all its digits."""
+    """Describe a length; with all digits if it would otherwise look equal to the limit."""
     text = format_duration(length)
     rounded = limit is not None and text == format_duration(limit)
     return f"{format_ns(length)} s" if rounded else text

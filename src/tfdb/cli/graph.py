@@ -1,9 +1,8 @@
-"""Live graphs, where a file is taken as well: `ros1:`, `ros1:http://host:port`, `ros2:`, `ros2:7`.
+"""Live graphs as FILE arguments: `ros1:`, `ros1:http://host:port`, `ros2:`, `ros2:7`.
 
-`ros2+zenoh:` is a graph of rmw_zenoh, `ros2+dds:` one over DDS, by a node that needs no ROS.
+`ros2+zenoh:` is a graph of rmw_zenoh, `ros2+dds:` one over DDS; their nodes need no ROS.
 
-A command listens by a node of its own, and follows the store that it fills as it would follow one
-that processes share.
+A command makes its own node, which fills a store. It follows this store like a shared one.
 """
 
 from __future__ import annotations
@@ -41,27 +40,27 @@ _ROS_ARGUMENTS = "tfdb.ros_arguments"
 _NODE_NAME = "tfdb.node_name"
 _SECONDS = "tfdb.seconds"
 LISTENS = 5 * NS
-"""How long a graph is listened to, as by tf2's view_frames."""
+"""Default time of listening to a graph, as in tf2's view_frames."""
 _AGAIN = 0.5
-"""Seconds between two tries to join a graph that is not there."""
+"""Seconds between two attempts to join a missing graph."""
 _GRAPH = re.compile(r"(ros1|ros2(?:\+(zenoh|dds))?)(?::(.*))?", re.DOTALL)
 _REMAPPING = re.compile(r"[~/A-Za-z_][A-Za-z0-9_/]*:=.*", re.ASCII | re.DOTALL)
 
 
 STORE = "shm:"
-"""Before the name of a store that processes share, where a file is taken as well."""
+"""Prefix of the name of a shared store in a FILE argument."""
 
 
 def is_graph(name: str) -> bool:
-    """Whether a name, where a file is taken as well, is that of a live graph."""
+    """Return whether a FILE argument names a live graph."""
     return name.startswith(("ros1:", "ros2:", "ros2+zenoh:", "ros2+dds:"))
 
 
 def without_ros_arguments(ctx: click.Context, arguments: list[str]) -> list[str]:
-    """Take out what the command line says to ROS; `open_graph` hands it on.
+    """Remove the arguments for ROS from a command line; `open_graph` passes them on.
 
-    It is `--ros-args ... [--]` as ROS 2 writes it, and `from:=to` as ROS 1 does; only where a
-    graph is named, for elsewhere a file may be called so.
+    These are `--ros-args ... [--]` of ROS 2 and `from:=to` of ROS 1. Without a graph in the command
+    line nothing is removed: a file may have such a name.
     """
     if not any(_GRAPH.fullmatch(argument) for argument in arguments):
         return arguments
@@ -99,7 +98,7 @@ node_option: Callable[[FC], FC] = click.option(
 
 
 def listen_option(command: Any) -> Any:
-    """Give a command that reads once the options of listening to a graph."""
+    """Add the options for listening to a graph to a command that reads once."""
 
     def keep(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
         ctx.meta[_SECONDS] = duration_option(ctx, param, value)
@@ -109,13 +108,13 @@ def listen_option(command: Any) -> Any:
         metavar="SECONDS",
         expose_value=False,
         callback=keep,
-        help="Listen to a graph (ros1:, ros2:) for this long.  [default: 5]",
+        help="Listen to a live graph (ros1:, ros2:) for this long.  [default: 5]",
     )
     return option(node_option(command))
 
 
 def listening_time() -> int:
-    """Nanoseconds for which to listen to a graph."""
+    """Return for how many nanoseconds to listen to a graph."""
     context = click.get_current_context(silent=True)
     given: int | None = None if context is None else context.meta.get(_SECONDS)
     return LISTENS if given is None else given
@@ -123,24 +122,24 @@ def listening_time() -> int:
 
 @dataclass
 class Live:
-    """A store that others fill, and the clock of its stamps: a graph's, or the store's."""
+    """A store that other processes or a node fill, with the clock of its stamps."""
 
     store: tfdb.Buffer
     graph_clock: Callable[[], int] | None = None
-    """None: the buffer's: `clock=`, or that of its store."""
+    """Returns the time of a graph; None: the clock of the store counts."""
     node: Node | None = None
     listener: TransformListener | None = None
     commit: int = 0
-    """The last commit that is known."""
+    """The last commit that was seen."""
     ended: threading.Event = field(default_factory=threading.Event)
-    """Set when somebody else ends the graph's node."""
+    """Set when the graph's node is closed from outside."""
     bridge: Bridge | None = None
 
     def __post_init__(self) -> None:
         other = self.graph_clock or given_clock(self.store)
         self.clock: tfdb.Clock | None = self.store.clock if other is None else None
         self.now: Callable[[], int] = other or self.store.clock.now
-        """The clock of the stamps, nanoseconds."""
+        """Return the time in nanoseconds, by the clock of the stamps."""
 
     @property
     def node_name(self) -> str:
@@ -148,9 +147,9 @@ class Live:
         return "" if self.node is None else self.node.name
 
     def wait(self, until: float) -> bool:
-        """Wait for a commit that is not known; False: there was none until then (monotonic).
+        """Wait for a new commit until a monotonic time; return whether one came.
 
-        Raises NodeClosed once the graph's node has ended, NoSuchStore once the store is removed.
+        Raises NodeClosed when the graph's node ends, NoSuchStore when the store is removed.
         """
         left = None if math.isinf(until) else max(until - time.monotonic(), 0.0)
         try:
@@ -163,7 +162,7 @@ class Live:
         return True
 
     def sleep(self, until: float) -> None:
-        """Wait until then (monotonic), or for the end of the graph's node."""
+        """Wait until a monotonic time, or for the end of the graph's node."""
         left = until - time.monotonic()
         self.ended.wait(None if math.isinf(left) else max(left, 0.0))
 
@@ -175,9 +174,9 @@ class Live:
 
 @contextmanager
 def open_graph(name: str, *, waits: bool = False) -> Iterator[tuple[Node, threading.Event]]:
-    """Give a node of this command's in the graph `name`, and what is set if others end it.
+    """Make this command's node in the graph `name`; yield it with the event `Live.ended`.
 
-    `waits`: if no master or router answers, say so once and try again.
+    `waits`: if no master or router answers, warn once and try again.
     """
     from tfdb.ros.open_node import open_node  # noqa: PLC0415 - only for live graphs
 
@@ -229,7 +228,7 @@ def _join_when_up(join: Callable[[], Node]) -> Node:
 
 
 def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
-    """Wait until a signal ends the command. Raises NodeClosed if others end the node."""
+    """Wait until a signal ends the command. Raises NodeClosed if the node ends before."""
     ended.wait()
     text = f"the node {node.name} was stopped from outside"
     raise tfdb.errors.NodeClosed(text, reason="ended by somebody else")
@@ -244,22 +243,22 @@ def listening(
     both_ways: bool = False,
     origin: str | None = None,
 ) -> Iterator[Live]:
-    """Listen to the graph `name`, into a store of its own or the shared one that is named.
+    """Fill a private store, or the named shared one, from the graph `name`.
 
-    `history`: nanoseconds that a store that is made keeps; None: everything. `both_ways`: a bridge
-    also sends the commits of the shared store; `origin` as in `Bridge`. It waits for the graph.
+    `history`: nanoseconds that a new store keeps; None: everything. `both_ways`: a bridge also
+    sends the commits of the shared store; `origin` as in `Bridge`. It waits for a missing graph.
     """
     from tfdb import tf2  # noqa: PLC0415 - only those who listen need it
 
     _show_log()
     seconds = None if history is None else max(history, 1) / NS
     if into is not None:
-        path_of(into)  # a name that no store can have is refused before the wait
+        path_of(into)  # refuse an invalid name before the wait
     with ExitStack() as stack:
         node, ended = stack.enter_context(open_graph(name, waits=both_ways))
         if into is None:
             store = tfdb.Buffer(history=seconds)
-            # Who waits for a commit is woken so.
+            # The end of the node ends waits for commits.
             node.on_clock(lambda _: store.close() if ended.is_set() else None)
         else:
             store = tfdb.Buffer.open(into, history=seconds)
@@ -267,7 +266,7 @@ def listening(
         if both_ways:
             from tfdb.bridge import Bridge  # noqa: PLC0415 - for one command
 
-            theirs: Any = node  # one that reports the sender of a message
+            theirs: Any = node  # its messages name their sender
             live.bridge = stack.enter_context(Bridge(store, theirs, origin=origin))
             live.listener = live.bridge.listener
         else:
@@ -279,7 +278,7 @@ def listening(
 
 @contextmanager
 def live_source(name: str, *, history: int | None) -> Iterator[Live]:
-    """Give what a command follows: what is heard of a graph, or a store that processes share."""
+    """Open the live source of a command: a graph, or a shared store."""
     if is_graph(name):
         with listening(name, history=history) as live:
             yield live
@@ -292,9 +291,9 @@ def live_source(name: str, *, history: int | None) -> Iterator[Live]:
 def listen_once(
     name: str, there: Callable[[tfdb.Buffer], bool] | None = None
 ) -> tuple[tfdb.Snapshot, int]:
-    """Listen for the time that the command line says, or until `there` holds of the store.
+    """Listen for the time of the command line, or until `there` holds for the store.
 
-    Returns what was heard, and when that was by the graph's clock.
+    Returns a snapshot of the received transforms, and its time by the graph's clock.
     """
     until = time.monotonic() + listening_time() / NS
     with listening(name, history=None) as live:
@@ -312,13 +311,13 @@ def listen_once(
 
 
 _MOST_TOLD = 1000
-"""How many refused edges are printed at most; damaged messages may name ever new ones."""
+"""Largest number of printed refused edges: damaged messages can name any number of frames."""
 
 
 class _Lines(logging.Handler):
-    """Prints log records as commands print warnings; a refused edge once for each error.
+    """Prints log records as warnings of the command; each refused edge once for each error.
 
-    Threads: any; a handler's lock is held in `emit`.
+    Any thread may log: the handler's lock is held in `emit`.
     """
 
     def __init__(self) -> None:
@@ -337,7 +336,7 @@ class _Lines(logging.Handler):
 
 
 def _show_log() -> None:
-    """Print what the listener warns of."""
+    """Print the warnings of the listener."""
     logger = logging.getLogger("tfdb")
     if not logger.handlers:
         logger.addHandler(_Lines())

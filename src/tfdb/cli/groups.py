@@ -19,7 +19,7 @@ _NEGATIVE = re.compile(r"-\.?[0-9]")
 
 
 class TitledOption(click.Option):
-    """An option that help lists under a title."""
+    """An option that the help lists under a title of its own."""
 
     def __init__(self, *args: Any, title: str, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -27,16 +27,16 @@ class TitledOption(click.Option):
 
 
 class SuggestingCommand(click.Command):
-    """A command with arguments that may begin with a dash: frames, and numbers below zero.
+    """A command whose arguments may begin with a dash: frames and negative numbers.
 
-    A word with a dash that is not an option, and like none, is an argument where one is missing.
-    Files are not taken so.
+    A word with a dash is an argument if an argument is missing and no option is similar. This does
+    not hold for arguments that are files.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Put such arguments behind `--`.
+        """Put arguments that begin with a dash behind `--`.
 
-        A word such as `-odd` is an option with its value; an error then names `--` as well.
+        A word such as `-odd` is an option with its value; an error then also names `--`.
         """
         glued = [word for word in args[: (*args, "--").index("--")] if self._is_glued(word)]
         try:
@@ -53,7 +53,7 @@ class SuggestingCommand(click.Command):
             ) from error
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the options, those with a title below it."""
+        """List the options; titled ones below their title."""
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
@@ -64,7 +64,7 @@ class SuggestingCommand(click.Command):
                 formatter.write_dl(records)
 
     def _is_glued(self, word: str) -> bool:
-        """Whether a word is a short option and its value in one."""
+        """Return whether a word is a short option joined with its value."""
         names = [
             name
             for option in self.params
@@ -74,7 +74,7 @@ class SuggestingCommand(click.Command):
         return not word.startswith("--") and len(word) > 2 and word[:2] in names
 
     def _sorted(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Sort the options before the other words, if one of those begins with a dash.
+        """Sort the options before the arguments, if an argument begins with a dash.
 
         Raises NoSuchOption for a word that cannot be an argument.
         """
@@ -106,7 +106,7 @@ class SuggestingCommand(click.Command):
         return [*sorted_, "--", *words] if dashed else args
 
     def _may_be_argument(self, word: str, place: int, options: Iterable[str]) -> bool:
-        """Whether a word with a dash is an argument at this place."""
+        """Return whether a word with a dash is an argument at this position."""
         arguments = [each for each in self.params if isinstance(each, click.Argument)]
         if place >= len(arguments) and (not arguments or arguments[-1].nargs >= 0):
             return False
@@ -118,12 +118,12 @@ class SuggestingCommand(click.Command):
 
 
 def _may_have_dash(param: click.Parameter) -> bool:
-    """Whether it is an argument that takes words with a dash: neither a file nor one of a few."""
+    """Return whether an argument may begin with a dash: it is neither a file nor a choice."""
     return isinstance(param, click.Argument) and not isinstance(param.type, click.Path | OneOf)
 
 
 def _values(word: str, options: dict[str, Any]) -> int | None:
-    """Count the words that belong to an option behind it; None where it is not an option."""
+    """Count the words after an option that belong to it; None if it is not an option."""
     name, equals, _ = word.partition("=")
     option = options.get(name)
     if name in options:
@@ -140,13 +140,13 @@ def _values(word: str, options: dict[str, Any]) -> int | None:
 
 
 class SuggestingGroup(click.Group):
-    """A group that says which command may have been meant; alone it says what there is."""
+    """A command group that suggests the nearest command; without a command it prints its help."""
 
     words: tuple[str, ...] = ()
-    """What may stand for a command, and is none."""
+    """Words that are accepted in place of a command, such as `help`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Print the help where nothing is asked for."""
+        """Print the help if the arguments are empty."""
         if not args and self.no_args_is_help and not ctx.resilient_parsing:
             output.say(ctx.get_help())
             ctx.exit()
@@ -155,7 +155,7 @@ class SuggestingGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command that the first argument names."""
+        """Return the command that the first argument names."""
         name, known = args[0], self.list_commands(ctx)
         there = self.get_command(ctx, name) is not None
         if not there and not name.startswith("-") and not ctx.resilient_parsing:
@@ -165,24 +165,24 @@ class SuggestingGroup(click.Group):
 
 
 class OneOf(click.Choice[str]):
-    """One of a few words; the nearest is named."""
+    """A choice of words; the error for any other word suggests the nearest."""
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """Say what there is, and what may have been meant."""
+        """Return the error: the choices, and the nearest of them."""
         return unknown_word(str(value), self.choices)
 
 
 def suggest(name: str, known: Sequence[str]) -> str:
-    """Name what is near, by its letters or as a part of a name; else all that there is."""
+    """Suggest the commands that are similar, or have the word as a part; otherwise list all."""
     near = [each for each in known if name.lower() in each.split("-")]
     near = near or near_names(name, known, most=2, cutoff=0.6)
     if near:
         return f"did you mean {' or '.join(map(repr, near))}?"
-    return f"there are {', '.join(known)}"
+    return f"the commands are {', '.join(known)}"
 
 
 def near_options(word: str, options: Iterable[str]) -> list[str]:
-    """Find the long options that a mistyped one is like; the nearest first."""
+    """Return the long options most similar to a mistyped one, the nearest first."""
     long = {name.lstrip("-"): name for name in options if name.startswith("--")}
     name = word.partition("=")[0].lstrip("-")
     begun = [each for each in long if len(name) > 1 and each.startswith(name)]
@@ -191,7 +191,7 @@ def near_options(word: str, options: Iterable[str]) -> list[str]:
 
 
 def describe_unknown_option(error: click.NoSuchOption) -> str:
-    """Say which option does not exist, and which may have been meant."""
+    """Return the error for an unknown option, with the nearest options."""
     command = None if error.ctx is None else error.ctx.command
     params = [] if command is None else command.params
     known = [name for each in params if isinstance(each, click.Option) for name in each.opts]

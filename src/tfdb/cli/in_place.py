@@ -1,4 +1,4 @@
-"""Tables that are shown again and again."""
+"""Tables that are updated in place."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class InPlace:
-    """Shows a table in place of the one before, on a terminal where it fits; else below it."""
+    """Shows a table in place of the previous one if the terminal has room, otherwise below it."""
 
     def __init__(self, *, as_json: bool) -> None:
         self._live: Live | None = None
@@ -24,11 +24,11 @@ class InPlace:
 
     @property
     def height(self) -> int | None:
-        """The lines of the terminal. None: tables are shown below one another."""
+        """Number of lines of the terminal; None if tables are shown below one another."""
         return None if self._live is None else self._live.console.height
 
     def show(self, shown: RenderableType) -> None:
-        """Show it."""
+        """Show a table."""
         out = layout.console()
         if self._live is not None and out.measure(shown).maximum > self._live.console.width:
             self.close()  # in place, long names would be broken
@@ -40,6 +40,6 @@ class InPlace:
         self._live.update(shown, refresh=True)
 
     def close(self) -> None:
-        """Leave what is shown as it is."""
+        """End the updates; the last table stays."""
         if self._live is not None:
             self._live.stop()

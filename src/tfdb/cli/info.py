@@ -1,4 +1,4 @@
-"""``tfdb info``: contents of a recording."""
+"""``tfdb info``: shows the contents of a recording."""
 
 from __future__ import annotations
 

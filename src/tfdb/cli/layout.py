@@ -1,9 +1,9 @@
-"""Text for people in the columns that a terminal has: no name of a frame is ever broken or cut.
+"""Layout of text for the width of the terminal. Frame names are never broken or cut.
 
-Where a table is too wide its least important columns are left out, down to the names alone;
-``--wide`` shows all. In a pipe everything is shown.
+A table that is too wide loses its least important columns, in the end all but the names. `--wide`
+and a pipe show all columns.
 
-`rich` is imported where it is used: a shell that completes a name waits for every import.
+`rich` is imported where it is used, because shell completion waits for every import.
 """
 
 # ruff: noqa: PLC0415
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     Cell: TypeAlias = str | Text
 
 UNLIMITED = 100_000
-"""Columns where nothing limits them: more than any name is long."""
+"""Columns of a line without a limit: more than the longest name needs."""
 _GAP = 2
 _WIDE = "tfdb.wide"
-# What ends a line, drives a terminal or turns its writing about; names may hold it.
+# Characters that end a line, control a terminal or reverse its text direction; names may have them.
 _HOSTILE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ufeff]")
 
 _PLAIN_LINES = str.maketrans("│├└─", "||`-")
@@ -55,7 +55,7 @@ wide_option: Callable[[FC], FC] = click.option(
 
 
 def width() -> int:
-    """Columns that a line may take: COLUMNS, or what the terminal has, or as many as it likes."""
+    """Return the width of a line: COLUMNS, the terminal's width, or no limit."""
     context = click.get_current_context(silent=True)
     if context is not None and context.meta.get(_WIDE):
         return UNLIMITED
@@ -66,37 +66,37 @@ def width() -> int:
 
 
 def console() -> Console:
-    """Return standard output; it breaks no line by itself."""
+    """Return a console for standard output that breaks no lines."""
     from rich.console import Console
 
     return Console(width=UNLIMITED, highlight=False, emoji=False, markup=False)
 
 
 def safe(text: str) -> str:
-    """Write out what would end a line or drive the terminal; a name may hold it."""
+    """Escape the characters that end a line or control the terminal: names may have them."""
     return _HOSTILE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def drawing(lines: str) -> str:
-    """Lines of a picture, in ASCII where the output has no others."""
+    """Return line-drawing text, in ASCII if the output has no other characters."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     return lines if encoding.lower().startswith("utf") else lines.translate(_PLAIN_LINES)
 
 
 def words(text: str, *names: str) -> list[str]:
-    """Split prose where its line may break: before words and the arrow of T[a<-b], in no name."""
+    """Split prose where lines may break: before words and the arrow of T[a<-b], not in names."""
     odd = sorted((safe(name) for name in names if " " in name or "<-" in name), key=len)
     unbroken = "|".join([*map(re.escape, reversed(odd)), r"(?!<-)\S"])
     return re.findall(rf"\s*(?:<-)?(?:{unbroken})+|\s*<-", safe(text))
 
 
 def transform_name(target: str, source: str) -> list[str]:
-    """T[target<-source], which may break at its arrow."""
+    """Return T[target<-source], which may break at its arrow."""
     return [f"T[{safe(target)}", f"<-{safe(source)}]"]
 
 
 def wrap(chunks: Iterable[str], indent: str = "  ") -> str:
-    """Put chunks, none of which is ever broken, into lines of the width.
+    """Join unbreakable chunks into lines of the terminal's width.
 
     Lines after the first are indented.
     """
@@ -111,7 +111,7 @@ def wrap(chunks: Iterable[str], indent: str = "  ") -> str:
 
 
 def cells(text: str) -> int:
-    """Columns that a text takes; some characters take two."""
+    """Return the width of a text in columns; some characters take two."""
     from rich.cells import cell_len
 
     return cell_len(text)
@@ -121,7 +121,7 @@ def cells(text: str) -> int:
 class Column:
     """A column of a table.
 
-    `rank` says how soon it is left out where the table is too wide: the highest first, 0 never.
+    If the table is too wide, columns of the highest `rank` are left out first; rank 0 stays.
     """
 
     name: str
@@ -132,17 +132,17 @@ class Column:
 def table(
     columns: Sequence[Column], rows: Iterable[Sequence[Cell]], depths: Sequence[int] | None = None
 ) -> Table:
-    """Make a table of as many of the columns as there is room for, and say which it lacks.
+    """Print a table of as many columns as fit, and the names of the omitted ones.
 
     Parameters
     ----------
     columns
-        Those that there are; the first is always shown.
+        All columns; the first is always shown.
     rows
         One cell for each column; text is taken literally.
     depths
-        Of each row, how deep its frame is in the tree: where the column `parent` is left out, the
-        names are indented by it, as far as there is room.
+        Depth of each row's frame in the tree. Without the column `parent` the names are indented by
+        it, if there is room.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -173,7 +173,7 @@ def _text(cell: Cell) -> Text:
 
 
 def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[Text]]) -> list[int]:
-    """Find the columns that fit beside one another, the most important first."""
+    """Return the columns that fit into a line, chosen by importance."""
     sizes = [
         max([cells(column.name), *(row[i].cell_len for row in rows)])
         for i, column in enumerate(columns)
@@ -191,7 +191,7 @@ def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[Text]]) -> list[
 def _indent(
     columns: Sequence[Column], rows: Sequence[list[Text]], depths: Sequence[int]
 ) -> list[int]:
-    """Indent the names as deeply as leaves what is next in importance in its place."""
+    """Indent the names by depth, if the important columns still fit; return the shown columns."""
     from rich.text import Text
 
     others = [column for column in columns if column.name != "parent"]
@@ -212,14 +212,14 @@ def _indent(
 
 
 def say_refused(out: Console, report: LoadReport | None) -> None:
-    """Print how many messages and transforms of recordings were refused, if any."""
+    """Print the counts of refused messages and transforms, if any were refused."""
     if report and report.refused_edges:
         counts = refused_counts(report.refused, report.refused_transforms)
         out.print(wrap(words(f"{counts}; 'tfdb check' says why")), style="red")
 
 
 def refused_counts(messages: int, transforms: int) -> str:
-    """Say how much was refused; `messages` are those of which nothing was stored."""
+    """Describe the counts of refused messages (nothing of them was stored) and transforms."""
     whole = f"{messages:,} message{'' if messages == 1 else 's'}"
     if not transforms:
         return f"{whole} refused"
@@ -228,22 +228,22 @@ def refused_counts(messages: int, transforms: int) -> str:
 
 
 def literal(text: str) -> Text:
-    """Give a text to be printed as it is."""
+    """Return a text without markup."""
     return _styled(text, "", clean=False)
 
 
 def fits(made: Table) -> bool:
-    """Whether a table has room for all that it shows."""
+    """Return whether all cells of a table fit."""
     return console().measure(made).maximum <= width()
 
 
 def quiet(text: str) -> Text:
-    """Give the text less weight."""
+    """Return a text in a dim style."""
     return _styled(text, "dim")
 
 
 def loud(text: str) -> Text:
-    """Make the text ask for attention."""
+    """Return a text in a conspicuous style."""
     return _styled(text, "bold red")
 
 

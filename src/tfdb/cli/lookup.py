@@ -1,4 +1,4 @@
-"""``tfdb lookup``: one transform, with its report."""
+"""``tfdb lookup``: looks up one transform and prints its report."""
 
 from __future__ import annotations
 
@@ -49,9 +49,10 @@ def command(
 
     The transform maps a point of SOURCE into TARGET.
 
-    TIME is in seconds (12.5) or nanoseconds (12500000000ns), or an offset from the start (+1.5) or
-    the end (-0.5). 'latest' is the newest stamp at which every edge has data. From a live graph,
-    ros1: or ros2:, the command waits for the transform.
+    TIME is in seconds (12.5), in nanoseconds (12500000000ns), a date (2026-05-17T12:00:00.25), or
+    an offset from the start (+1.5) or the end (-0.5). The default, 'latest', is the newest stamp at
+    which every edge of the path has data. With a live graph (ros1:, ros2:) the command waits for
+    the transform.
 
     The line 'limited by' names the moving edge with the widest gap or the oldest sample.
     """
@@ -73,7 +74,7 @@ def command(
 
 
 def _is_answered(store: Buffer, target: str, source: str, time: TimeSpec) -> bool:
-    """Whether what was heard of a graph answers; what counts from its span needs all of it."""
+    """Return whether the received transforms suffice; never for a time that is an offset."""
     names = target.removeprefix("/"), source.removeprefix("/")
     return not time.since and store.can_transform(*names, time.ns)
 
@@ -119,7 +120,7 @@ def _show(found: Transform, span: tuple[int, int] | None) -> None:
     out = layout.console()
     out.print(layout.wrap(layout.transform_name(found.target, found.source)), style="bold")
     if found.report.timeless:
-        text = "none: nothing moves between the two, it holds at all times"
+        text = "none: no edge of the path moves, so the transform holds at all times"
         out.print(layout.wrap(["stamp           ", *layout.words(text)], " " * 16))
     else:
         since = "" if span is None else f"  ({format_ns(found.stamp - span[0])} from the start)"
@@ -144,9 +145,9 @@ def _show(found: Transform, span: tuple[int, int] | None) -> None:
 
 
 def _row(name: str, edge: Any, stamp: int) -> tuple[Any, ...]:
-    """One frame on the way from target to source, and how the edge to its parent was used.
+    """Return the row of a frame on the path: how the edge to its parent was used.
 
-    The one that all others hang below has no such edge.
+    The topmost frame of the path has no such edge.
     """
     if edge is None:
         return (name, "", "", "", "", "", "")

@@ -1,4 +1,4 @@
-"""``tfdb merge``: several recordings into one."""
+"""``tfdb merge``: merges several recordings into one."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     "prefixes",
     multiple=True,
     metavar="TEXT",
-    help="Put TEXT before the frame names of one FILE. Give it once per FILE, in their order; '' "
-    "adds nothing.",
+    help="Put TEXT before the frame names of one FILE. Give the option once for each FILE, in the "
+    "order of the FILEs; '' adds nothing.",
 )
 @click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.overwrite_option
@@ -56,8 +56,8 @@ def command(
     Example: tfdb merge a.bag b.bag -o both.mcap --prefix a/ --prefix b/
 
     Each message keeps its topic, its receive time and, if OUT can hold it, its publisher. Files
-    that contradict each other on an edge are refused, as by every command: give each its own
-    --prefix, or --mix them. Consecutive parts of one recording agree.
+    that contradict each other on an edge are refused: give each its own --prefix, or use --mix.
+    Consecutive parts of one recording do not contradict each other.
     """
     if len(files) < 2:
         raise click.UsageError("nothing to merge: give two files or more")
@@ -99,7 +99,7 @@ def _rewriters(recordings: OpenRecordings, prefixes: Sequence[str]) -> list[Rewr
 
 
 def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
-    """Warn of files of which nothing is merged; refuse files whose edges make a cycle."""
+    """Warn of files without a merged transform; refuse files whose edges form a cycle."""
     parents = [
         _parents(recordings, *each) for each in zip(recordings.given, rewriters, strict=True)
     ]
@@ -137,7 +137,7 @@ def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
 def _refuse_collisions(
     recordings: OpenRecordings, rewriters: Sequence[Rewriter], parents: Sequence[Iterable[str]]
 ) -> None:
-    """Refuse prefixes that give child frames of different files one name."""
+    """Refuse prefixes with which child frames of different files get one name."""
     owners: dict[str, tuple[Rewriter, Recording]] = {}
     for recording, rewriter, children in zip(recordings.given, rewriters, parents, strict=True):
         for child in children:
@@ -152,7 +152,7 @@ def _refuse_collisions(
 def _parents(
     recordings: OpenRecordings, recording: Recording, rewriter: Rewriter
 ) -> dict[str, str]:
-    """Find the newest parent of each child frame that is merged of a file."""
+    """Return the newest parent of each merged child frame of a file."""
     found = survey_edges(recordings, [recording], rewriter)
     fixed = {joint.child: joint.parent for joint in rewriter.fixed_joints()}
     if found is not None:

@@ -1,4 +1,4 @@
-"""``tfdb mirror``: the commits of a home on another machine, into a shared store."""
+"""``tfdb mirror``: copies the commits of a home on another machine into a shared store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tfdb monitor``: rates, delays, gaps and publishers of frames."""
+"""``tfdb monitor``: shows rates, delays, gaps and publishers of frames."""
 
 from __future__ import annotations
 
@@ -93,13 +93,13 @@ def command(
     Example: tfdb monitor ros2: map base_link
 
     A live graph (ros1:, ros2:) or a shared store (shm:NAME) is watched until Ctrl-C. A recording is
-    reported once, as a whole. With TARGET and SOURCE, only the frames between them are shown, with
-    the net delay: the age of the newest T[TARGET<-SOURCE] at each arrival.
+    reported once, as a whole. TARGET and SOURCE select the frames between them, and add the net
+    delay: the age of the newest T[TARGET<-SOURCE] at each arrival.
 
     A delay is the time from stamp to arrival, by the clock of the graph, the store or the recorder.
-    Replayed stamps have no delay; one line reports their offset. On a terminal the table
-    is updated in place, and cut to its height. With --expect the worst edges come first, each with
-    the expectation that it breaks now.
+    Replayed stamps have no delay; one line reports their offset. On a terminal the table is updated
+    in place, and cut to the height of the terminal. With --expect the worst edges come first, each
+    with the expectation that it breaks now.
     """
     if every <= 0:
         raise click.UsageError("--every must be positive")
@@ -125,7 +125,7 @@ def command(
 
 
 class Watch:
-    """What comes into a store, what is expected of it, and how the chain stands."""
+    """Counts the samples of a store, checks expectations, and follows the path of two frames."""
 
     def __init__(
         self,
@@ -141,30 +141,30 @@ class Watch:
         self._chain = chain and (chain[0].removeprefix("/"), chain[1].removeprefix("/"))
         self.judge: Judge = Judge(expected or Expectations(), start)
         self.judges: bool = expected is not None
-        """Whether there is anything expected."""
+        """Whether expectations were given."""
         self.rates: Rates = Rates(self.judge, began, window)
         self.passed: list[str] = []
-        """Frames from the chain's source to its target, as far as they are known."""
+        """Known frames of the path, from the source to the target."""
         self.broken: str = ""
-        """Why the chain is broken now."""
+        """Why the path has no transform now."""
         self._parents: dict[str, str] = {}
         self._depths: dict[str, int] = {}
 
     def depths(self, parents: dict[str, str]) -> dict[str, int]:
-        """How deep each frame is in the tree, in its order; `parents`: of frames seen so far."""
+        """Return the depth of each frame, in tree order; `parents`: those of all seen frames."""
         if parents != self._parents:
             rows = Forest(self._store.tree()).rows()
             self._parents, self._depths = parents, {row.info.name: row.depth for row in rows}
         return self._depths
 
     def take_rows(self, rows: Rows) -> None:
-        """Count and judge samples."""
+        """Count samples and check their expectations."""
         self.rates.add(rows)
         if self.judges:
             self.judge.feed(rows)
 
     def look_up_chain(self, store: StoreReader, now: int) -> None:
-        """Look up the chain, and count its delay."""
+        """Look up the transform of the path, and count its delay."""
         if self._chain is None:
             return
         try:
@@ -177,16 +177,16 @@ class Watch:
             self.rates.add_net(now - found.stamp)
 
     def shows(self, frame: str) -> bool:
-        """Whether a frame is one of those that are asked for."""
+        """Return whether a frame is to be shown."""
         return self._chain is None or frame in self.passed
 
     def events(self) -> list[Event]:
-        """What is broken now, the worst first."""
+        """Return the expectations that are broken now, the worst first."""
         return sorted(self.judge.active.values(), key=lambda event: event.rank)
 
 
 def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Screen) -> None:
-    """Follow the commits, and say each period what was seen."""
+    """Follow the commits, and report once per period."""
     follower = LiveJudge(live, watch.judge, rates=watch.rates, judges=watch.judges)
     began = time.monotonic()
     ends = None if length is None else began + length / NS
@@ -210,7 +210,7 @@ def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Scr
 def _show_recording(
     file: str, chain: tuple[str, str] | None, expected: Expectations | None, screen: Screen
 ) -> None:
-    """Play a recording, as fast as it goes, and say what was in it."""
+    """Play a recording without waiting, and report it as a whole."""
     (path,) = common.find_paths((file,))
     if is_frozen(path):
         raise click.UsageError(
@@ -235,7 +235,7 @@ def _show_recording(
 
 
 def _play(path: Path, watch: Watch, chain: tuple[str, str]) -> None:
-    """Store message by message, and look at the chain after each."""
+    """Store message by message, and look up the path after each."""
     store = tfdb.Buffer(history=None)
     tally = Tally(store)
     with common.open_selected([path]) as recordings:
@@ -252,7 +252,7 @@ def _play(path: Path, watch: Watch, chain: tuple[str, str]) -> None:
 
 
 class Screen:
-    """Where it is said: in place on a terminal, else below one another, or as JSON."""
+    """Prints reports: in place on a terminal, below one another in a pipe, or as JSON."""
 
     def __init__(self, file: str, chain: tuple[str, str] | None, *, as_json: bool) -> None:
         self._file, self._chain, self._as_json = file, chain, as_json
@@ -265,7 +265,7 @@ class Screen:
         self._place.close()
 
     def show(self, watch: Watch, now: int, missed: int) -> None:
-        """Say what was seen."""
+        """Print a report."""
         if self._as_json:
             output.emit_json_line("monitor", self._body(watch, now, missed))
             return
@@ -401,12 +401,12 @@ def _figures(delays: Delays, seconds: float) -> dict[str, Any]:
 
 
 def _clock_offset(delays: Delays) -> int | None:
-    """How far stamps without a delay are behind their arrival, at least."""
+    """Return the smallest offset from stamp to arrival of an edge without delays."""
     return delays.nearest if delays.mean is None else None
 
 
 def _why_no_delay(frames: Iterable[tuple[str, Delays]]) -> str:
-    """Say of which frames the stamps are of another clock; empty where none are."""
+    """Explain why frames have no delay: their stamps are of another clock. Empty without any."""
     apart = {name: delays.nearest for name, delays in frames if _clock_offset(delays) is not None}
     if not apart:
         return ""
@@ -420,7 +420,7 @@ def _why_no_delay(frames: Iterable[tuple[str, Delays]]) -> str:
 
 
 def _event_line(event: Event) -> Text:
-    """Describe an event of no frame that is shown."""
+    """Describe an event that belongs to none of the shown frames."""
     words = layout.words(f"{event.subject}: {_state(event)}", event.parent, event.child)
     return layout.literal(layout.wrap(words))
 

@@ -1,4 +1,4 @@
-"""``tfdb net``: the homes and mirrors of a network."""
+"""``tfdb net``: shows the homes and mirrors of a network."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tfdb.net import Status
 
     Row = tuple[Status, float | None]
-    """With the bytes per second since the look before."""
+    """A home or mirror, and its bytes per second since the previous update."""
 
 _COLUMNS = (
     layout.Column("namespace"),
@@ -121,7 +121,7 @@ def top(
 
 
 def _with_rates(found: list[Status], before: dict[object, tuple[float, int]]) -> list[Row]:
-    """Add the bytes per second since the look before, and note the counts for the next."""
+    """Add the bytes per second since the previous update, and store the counts for the next."""
     now = time.monotonic()
     rows: list[Row] = []
     for each in found:

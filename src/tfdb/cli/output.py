@@ -1,6 +1,6 @@
-"""How commands speak to programs: one JSON object; and of errors: one line.
+"""Output for programs: one JSON object. Errors: one line.
 
-Text for people is laid out by `layout`.
+`layout` lays out text for people.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import click
 from .layout import safe
 
 SCHEMA = 1
-"""The version of the JSON output: keys are added, never renamed or removed, within one version."""
+"""Version of the JSON output. Within a version keys are added, never renamed or removed."""
 
 
 def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
-    """Print a text, on stderr if asked; what the encoding there lacks is written out.
+    """Print a text on stdout or stderr; characters that its encoding lacks are escaped.
 
-    Left to itself, `click.echo` takes ASCII for a mistake and writes UTF-8.
+    `click.echo` would write UTF-8 to an ASCII output.
     """
     click.echo(text, sys.stderr if err else sys.stdout, nl=nl)
 
@@ -32,14 +32,14 @@ def emit_json(command: str | None, body: dict[str, Any]) -> None:
 
 
 def emit_json_line(command: str | None, body: dict[str, Any]) -> None:
-    """Print one of the JSON objects of a command that goes on, in a line."""
+    """Print one of several JSON objects of a command, in one line."""
     say(json.dumps({"tfdb": SCHEMA, "command": command, **body}))
 
 
 def describe_error(error: Exception, command: str | None = None) -> str:
-    """Return the message of an error in one line; for a misuse, with where to read the usage.
+    """Return the message of an error in one line; for a wrong command line, with the help command.
 
-    That is of `command` where the error does not say itself.
+    The help is that of the error's own command, otherwise that of `command`.
     """
     if isinstance(error, click.NoSuchOption):
         from .groups import describe_unknown_option  # noqa: PLC0415 - it prints by this module
@@ -65,9 +65,9 @@ def describe_error(error: Exception, command: str | None = None) -> str:
 
 
 def error_body(error: Exception, command: str | None = None) -> dict[str, Any]:
-    """Return what ``--json`` prints for an error: its class, its message and its fields.
+    """Return an error as JSON: its class, message and fields.
 
-    A misuse of the command line is an `InvalidArgument`.
+    A wrong command line is an `InvalidArgument`.
     """
     name, fields = type(error).__name__, vars(error)
     if isinstance(error, click.ClickException):

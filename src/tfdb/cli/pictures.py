@@ -21,7 +21,7 @@ FORMATS = ("png", "svg", "pdf")
 
 
 def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
-    """Name the files: a format means FILE_KIND.FORMAT in the current folder."""
+    """Return the files to write; a format means FILE_KIND.FORMAT in the current folder."""
     found: list[Path] = []
     for text in saved:
         form = text.lower()
@@ -41,7 +41,7 @@ def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
 
 
 def need_matplotlib() -> None:
-    """Say how to get it where it is missing."""
+    """Raise an error with the install command if matplotlib is missing."""
     try:
         import tfdb.plot  # noqa: F401, PLC0415 - an extra
     except ImportError as error:

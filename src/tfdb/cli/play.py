@@ -38,11 +38,11 @@ _KEYS_HELP = (
     "speed, [ and ]: 5 s back and forth, r: reverse, q: quit"
 )
 _BETWEEN = 0.2
-"""Seconds between two looks for the end while no key comes."""
+"""Seconds between two checks for the end while no key is pressed."""
 
 
 def _speed_option(_context: click.Context, _option: click.Parameter, value: float) -> float:
-    """Refuse what passes every comparison."""
+    """Refuse NaN, which passes click's range check."""
     if math.isnan(value):
         raise click.BadParameter("nan is not a speed")
     return value
@@ -57,14 +57,15 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
     default=1.0,
     show_default=True,
     callback=_speed_option,
-    help="Play this many times as fast as recorded; inf does not wait, and sets no clock.",
+    help="Play this many times as fast as recorded. inf plays without waiting, and does not set "
+    "the clock.",
 )
 @click.option("--loop", is_flag=True, help="Start again at the end, until Ctrl-C.")
 @click.option(
     "--keep-stamps",
     is_flag=True,
-    help="Keep the recorded stamps in each round of --loop, which then begins with an empty "
-    "history. By default each round has later stamps.",
+    help="Keep the recorded stamps in each round of --loop. Each round then begins with an empty "
+    "history. By default the stamps of each round are later than those of the previous one.",
 )
 @click.option("--paused", is_flag=True, help="Begin paused.")
 @click.option(
@@ -160,7 +161,7 @@ def command(
 
 
 def _check_played(player: Player, rewriter: Rewriter, names: str) -> None:
-    """Refuse a selection that leaves nothing."""
+    """Refuse a selection without transforms."""
     tally = player.tally
     if rewriter.left_out and not (tally.transforms or tally.refused or rewriter.refusals):
         raise tfdb.errors.RecordingError(names, rewriter.reason())
@@ -196,7 +197,7 @@ def _describe(player: Player, told: LoadReport, began: float) -> str:
 
 @contextmanager
 def _published(clock: tfdb.Clock, node: Node | None, rate: float) -> Iterator[None]:
-    """Publish a clock by a node meanwhile."""
+    """Publish a clock by a node during the block."""
     if node is None:
         yield
         return
@@ -208,7 +209,7 @@ def _published(clock: tfdb.Clock, node: Node | None, rate: float) -> Iterator[No
 
 @contextmanager
 def _controlled(player: Player, *, keys: bool, lines: bool) -> Iterator[None]:
-    """Let keys of the terminal, or lines of standard input, control the player meanwhile."""
+    """Let keys or lines of standard input control the player during the block."""
     if not (keys or lines):
         yield
         return
@@ -227,7 +228,7 @@ def _controlled(player: Player, *, keys: bool, lines: bool) -> Iterator[None]:
 
 @contextmanager
 def _unbuffered() -> Iterator[None]:
-    """Let each key come at once, without being shown."""
+    """Read each key at once, without echo."""
     import termios  # noqa: PLC0415 - of Unix, and of terminals only
     import tty  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""``tfdb plot``: pictures of a recording's frame tree, samples and trajectories."""
+"""``tfdb plot``: draws a recording's frame tree, samples and trajectories."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _KINDS_OF = {
     "max_gap": ("timeline",),
     "rows": ("tree", "timeline"),
 }
-"""Options that not all pictures have; besides those of a comparison."""
+"""Options of some pictures only, without those of a comparison."""
 
 
 def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Offer frames where frames are wanted."""
+    """Complete frame names."""
     if ctx.params.get("kind") != "trajectory":
         return []
     return common.complete_frames(ctx, param, incomplete)
@@ -53,8 +53,8 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
     "saved",
     multiple=True,
     metavar="FORMAT|PATH",
-    help="Write FILE_KIND.FORMAT here (png, svg or pdf), or the given path; repeatable.  "
-    "[default: png, without --show]",
+    help="A FORMAT (png, svg, pdf) writes FILE_KIND.FORMAT into the current folder, a PATH writes "
+    "that file. Repeatable.  [default: png, unless --show is given]",
 )
 @click.option("--show", is_flag=True, help="Open a window with the picture.")
 @click.option(
@@ -78,7 +78,8 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
     type=click.IntRange(min=0),
     default=100,
     show_default=True,
-    help="Draw at most this many rows of a tree or timeline; larger ones are folded. 0: all.",
+    help="Largest number of rows of a tree or timeline. Beyond it, subtrees are folded into single "
+    "rows. 0: no limit.",
 )
 @comparison_options
 @click.option("--title", help="Title of the picture.  [default: made from FILE and frames]")
@@ -109,9 +110,9 @@ def command(
     Example: tfdb plot drive.mcap trajectory map base_link camera --color speed
 
     'trajectory' draws T[TARGET<-SOURCE] at each stored stamp; several SOURCEs share one picture.
-    Frames may be omitted if FILE holds one moving edge, like a .tum file. 'timeline' draws the
-    samples of each edge. 'compare' draws the result of 'tfdb compare FILE ESTIMATE', with the same
-    options.
+    TARGET and SOURCE may be omitted if FILE has only one moving edge, like a .tum file. 'timeline'
+    draws the samples of each edge. 'compare' draws the result of 'tfdb compare FILE ESTIMATE', with
+    the same options.
     """
     _check_options(kind, comparing)
     _check_frames(kind, frames, more)
@@ -152,7 +153,7 @@ def command(
 
 
 def _check_options(kind: str, comparing: Iterable[str]) -> None:
-    """Refuse options that say nothing of this kind of picture."""
+    """Refuse options without effect on this kind of picture."""
     ctx = click.get_current_context()
     kinds = _KINDS_OF | dict.fromkeys(comparing, ("compare",))
     for param in ctx.command.params:
@@ -165,7 +166,7 @@ def _check_options(kind: str, comparing: Iterable[str]) -> None:
 
 
 def _check_frames(kind: str, frames: Sequence[str], more: Sequence[str]) -> None:
-    """Refuse what does not fit the kind of picture."""
+    """Refuse frames that do not fit the kind of picture."""
     if kind == "trajectory":
         if len(frames) == 1:
             raise click.UsageError(

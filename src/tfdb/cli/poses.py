@@ -1,4 +1,4 @@
-"""``tfdb poses``: many poses of one frame in another, to a file."""
+"""``tfdb poses``: writes many poses of one frame in another to a file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _NO_POSE = (
 
 @dataclass(frozen=True)
 class Poses:
-    """T[target<-source] at each stamp, those without a pose already left out."""
+    """T[target<-source] at each stamp that has a pose."""
 
     target: str
     source: str
@@ -57,7 +57,7 @@ class Poses:
     "stamps_file",
     type=click.Path(),
     metavar="STAMPS",
-    help="Read stamps from a file: the first column of each line, as in TUM and CSV; '-': stdin.",
+    help="Read stamps from the first column of this file, such as a TUM or CSV file. '-' is stdin.",
 )
 @click.option(
     "--rate",
@@ -73,7 +73,8 @@ class Poses:
     "out",
     type=click.Path(),
     metavar="OUT",
-    help="Write a .tum, .csv, .npz or .parquet file, or see --format.  [default: TUM to stdout]",
+    help="Write this .tum, .csv, .npz or .parquet file. For other formats see --format.  [default: "
+    "TUM to stdout]",
 )
 @click.option(
     "--skip-missing",

@@ -1,4 +1,4 @@
-"""``tfdb publish``: the commits of a store for other machines."""
+"""``tfdb publish``: sends the commits of a store to other machines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     default="0.002",
     show_default=True,
     callback=duration_option,
-    help="Longest time that a commit waits, to be sent together with later ones.",
+    help="Longest time that a commit waits, so that it is sent together with later ones.",
 )
 @click.option(
     "--take-over",
@@ -62,11 +62,11 @@ def command(
     Example: tfdb publish shm:robot1 --as robot1 --listen tcp/127.0.0.1:7447
 
     This process becomes the home of the namespace NAME. 'tfdb mirror NAME' on another machine
-    copies each commit. A FILE is a recording or a frozen store; its one state does not change. The
-    command waits for a missing router, except with --listen.
+    copies each commit. A FILE is a recording or a frozen store, which has one state. The command
+    waits for a missing router, except with --listen.
 
-    If a later home takes over, this command ends. The frames of STORE are then read-only, and
-    'tfdb mirror' can follow the later home into it. If this user may only read STORE, it stays
+    If a later home takes over, this command ends. The frames of STORE are then read-only, and 'tfdb
+    mirror --into STORE' can copy the later home. If this user may only read STORE, it stays
     unchanged.
 
     Exit code: 0 after Ctrl-C, 1 if a later home took over, 2 on an error, 130 after Ctrl-C during

@@ -1,4 +1,4 @@
-"""``tfdb record``: the commits of a live store or graph as an MCAP file."""
+"""``tfdb record``: writes the commits of a live store or graph into an MCAP file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _KEPT = 10 * NS
 _LOOK = 0.2
-"""Seconds between two looks at whether the source is there."""
+"""Seconds between two checks whether the source still exists."""
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*(?:([kMGT]?)(i?)B)?", re.IGNORECASE)
 _rename_option = partial(
     selection_options, without=[each.name for each in fields(Selection) if each.name != "rename"]
@@ -38,7 +38,7 @@ _rename_option = partial(
 
 
 def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
-    """Click's callback for bytes: `1000`, `256MB`, `1.5GiB`."""
+    """Convert an option's text to bytes: `1000`, `256MB`, `1.5GiB`."""
     if value is None or ctx.resilient_parsing:
         return None
     match = _SIZE.fullmatch(value.strip())
@@ -72,7 +72,8 @@ def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -
     default="0.5",
     show_default=True,
     callback=duration_option,
-    help="Write recorded commits to the file this often; they then survive a kill of the process.",
+    help="Write recorded commits to the file this often. Written commits survive a kill of the "
+    "process.",
 )
 @click.option(
     "--sync",
@@ -134,9 +135,9 @@ def command(
     Example: tfdb record robot1 -o drive.mcap
 
     STORE is the name of a shared store: robot1 or shm:robot1. Every reader of MCAP finds the
-    transforms on /tf and /tf_static. From /tfdb/commits and /tfdb/state, tfdb.recorded_commits
-    restores each commit. If the process is killed or the disk is full, OUT.mcap.part keeps the
-    flushed part; --salvage reads it.
+    transforms on /tf and /tf_static. tfdb.recorded_commits restores each commit from /tfdb/commits
+    and /tfdb/state. If the process is killed or the disk is full, OUT.mcap.part keeps the flushed
+    part; --salvage reads it.
 
     Exit code: 0 complete, also after Ctrl-C, 1 if commits were lost, 2 on an error.
     """

@@ -1,4 +1,4 @@
-"""``tfdb rename``: a copy of a recording with other frame names."""
+"""``tfdb rename``: copies a recording with other frame names."""
 
 from __future__ import annotations
 

@@ -26,9 +26,9 @@ _MANY = {"FROM[:TO]", "NAME", "FROM:=TO", "TOPIC[=CHILD]"}
 
 
 def selection_options(command: Any, *, without: Sequence[str] = ()) -> Any:
-    """Give a command that reads recordings an option for each field of `Selection`.
+    """Add an option for each field of `Selection` to a command that reads recordings.
 
-    `without` are the fields for which it has options of its own.
+    `without`: fields for which the command has its own options.
     """
     for each in reversed(fields(Selection)):
         if each.name not in without:
@@ -37,7 +37,7 @@ def selection_options(command: Any, *, without: Sequence[str] = ()) -> Any:
 
 
 def groups_options(command: Any) -> Any:
-    """Give a command only the options that choose among groups of topics."""
+    """Add only the options that choose among groups of topics to a command."""
     others = [each.name for each in fields(Selection) if each.name not in _GROUPS]
     return selection_options(command, without=others)
 
@@ -62,7 +62,7 @@ def _option(name: str, metavar: str, help: str) -> Any:  # noqa: A002 - the key 
 
 
 def _keeper(name: str, metavar: str) -> Callable[[click.Context, click.Parameter, Any], None]:
-    """Make the callback that keeps what was given of a field for `selected`."""
+    """Make the callback of a field's option, which keeps the value for `selected`."""
     read = _READERS.get(metavar, _as_it_is)
 
     def keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
@@ -80,7 +80,7 @@ def _as_it_is(_ctx: click.Context, _param: click.Parameter, value: Any) -> Any:
 def _time(ctx: click.Context, param: click.Parameter, value: str) -> str:
     time = time_option(ctx, param, value)
     if time is None or time.ns is None:
-        raise click.BadParameter("'latest' is not a bound", ctx, param)
+        raise click.BadParameter("'latest' is valid for lookups only; give a time", ctx, param)
     ctx.meta.setdefault(_BOUNDS, {})[str(param.opts[0]).lstrip("-")] = time
     return time.text
 
@@ -138,16 +138,16 @@ _READERS: dict[str, Callable[[click.Context, click.Parameter, Any], Any]] = {
     "TOPIC[=CHILD]": _poses,
     "FILE": _file,
 }
-"""What is made of an option's text, by its metavar."""
+"""Converters of an option's text, by its metavar."""
 
 
 def selected() -> Selection:
-    """Return what the command was told to read."""
+    """Return the selection of the command line."""
     return Selection(**given())
 
 
 def given() -> dict[str, Any]:
-    """Return the fields that the command line gives; what is changed there is read otherwise."""
+    """Return the fields of the command line's selection; changes of them change the selection."""
     context = click.get_current_context(silent=True)
     found: dict[str, Any] = {} if context is None else context.meta.setdefault(_GIVEN, {})
     return found
@@ -161,7 +161,7 @@ def time_bounds() -> dict[str, TimeSpec]:
 
 
 def refuse_selection(names: Sequence[str], what: str, how: str) -> None:
-    """Refuse what goes with recordings only, where `names[0]` is `what`, given as `how`."""
+    """Refuse other files and selections beside `names[0]`, which is `what`, given as `how`."""
     if len(names) > 1:
         raise click.UsageError(f"{what} cannot be combined with other files: give {how} alone")
     if flags := ", ".join(sorted(map(flag_of, given()))):

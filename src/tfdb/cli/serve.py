@@ -71,14 +71,14 @@ def follow(
 
     Messages arrive chunk by chunk, as the recorder writes them. The store stays when the command
     ends or is stopped by Ctrl-C. --frame, --keep, --urdf and offsets from the first or last stamp
-    need a finished file. Groups of topics that disagree stop the command; the store keeps the
-    earlier messages.
+    are refused, because they need a finished file. If groups of topics disagree, the command stops
+    with an error; the store keeps the earlier messages.
     """
     (path,) = common.find_paths([file])
     common.refuse_frozen([path])
     selection = selected()
     name = into.removeprefix(STORE)
-    # What cannot be followed is refused before there is a store.
+    # A file that cannot be followed is refused before the store is made.
     refuse_mixture_so_far(path, selection)
     store = open_store(name, history)
     if not as_json:
@@ -110,7 +110,7 @@ def _show_followed(report: LoadReport, file: str, name: str, *, as_json: bool) -
 
 
 def graph_options(function: Any) -> Any:
-    """Add what `serve` and `bridge` share."""
+    """Add the options that `serve` and `bridge` share."""
     for option in (common.json_option, node_option, history_option):
         function = option(function)
     return function
@@ -179,7 +179,7 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
 
 
 def describe_graph(live: Live, began: float) -> tuple[dict[str, Any], str]:
-    """What a graph brought into a store, as JSON and as text."""
+    """Describe the data that a store got from a graph, as JSON and as text."""
     commits, infos = live.store.commit - live.commit, live.store.tree()
     found = span(infos)
     listener = live.listener
@@ -206,7 +206,7 @@ def describe_graph(live: Live, began: float) -> tuple[dict[str, Any], str]:
 def say_end(
     graph: str, store: str, command: str, body: dict[str, Any], text: str, *, as_json: bool
 ) -> None:
-    """Print what a command on a graph did."""
+    """Print the result of a command on a graph."""
     if as_json:
         name = f"{command} {graph[:4]}"  # ros1 or ros2
         output.emit_json(name, {"files": [graph], "store": store, **body})

@@ -1,4 +1,4 @@
-"""``tfdb shm``: the shared stores of this machine."""
+"""``tfdb shm``: lists, inspects and removes shared stores."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def command() -> None:
 @layout.wide_option
 @common.json_option
 def list_stores(*, as_json: bool) -> None:
-    """List all shared stores, with those that this version or user cannot open.
+    """List all shared stores, even those that this version or user cannot open.
 
     Example: tfdb shm ls
     """
@@ -123,7 +123,7 @@ def _clock_text(name: str, clock: dict[str, Any] | None) -> str:
 
 
 def _memory_of(status: os.stat_result) -> int:
-    """Bytes that a store's file takes now; stat counts in blocks of 512."""
+    """Return the bytes that a store's file takes now; stat counts in blocks of 512."""
     return status.st_blocks * 512
 
 
@@ -180,11 +180,11 @@ def describe(*, name: str, as_json: bool) -> None:
 @name_argument
 @common.json_option
 def reset_clock(*, name: str, as_json: bool) -> None:
-    """Let the clock of the store NAME follow the system's again.
+    """Let the clock of the store NAME follow the system's clock again.
 
     Example: tfdb shm reset-clock robot1
 
-    A player does so at its end. A killed player leaves the clock as it was set.
+    'tfdb play' does so when it ends. After a kill of 'tfdb play' this command is needed.
     """
     given = name.removeprefix(STORE)
     with tfdb.Buffer.open(given, create=False) as store:

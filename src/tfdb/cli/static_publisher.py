@@ -1,4 +1,4 @@
-"""``tfdb static-publisher``: static transforms of arguments, a URDF or a recording."""
+"""``tfdb static-publisher``: publishes static transforms."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _KEYS = {"parent", "child", "translation", "rotation_xyzw", "rpy_deg"}
 
 
 def _numbers(command: Any) -> Any:
-    """Give a command the flags of ROS 2's static_transform_publisher."""
+    """Add the flags of ROS 2's static_transform_publisher to a command."""
     helps = {
         "x": "x of the translation, in metres",
         "y": "y of the translation, in metres",
@@ -100,7 +100,7 @@ def command(
         transforms.append(_by_flags(given, frame, child))
     if not transforms:
         raise click.UsageError(f"{', '.join(sources)}: no static transforms found")
-    # What no store takes is refused in its words, before anybody gets it.
+    # A private store checks the transforms before they are published.
     tfdb.Buffer().set_transforms(transforms, static=True)
     if is_graph(where):
         with open_graph(where) as (node, ended):
@@ -136,7 +136,7 @@ def _show_published(
 
 
 def _by_place(values: Sequence[str]) -> tfdb.TransformStamped:
-    """Make the transform of ROS 1's arguments."""
+    """Make the transform of ROS 1's positional arguments."""
     if len(values) not in (8, 9):
         raise click.UsageError(f"{len(values)} values: give {_FORMS}")
     *texts, frame, child = values
@@ -167,7 +167,7 @@ def _by_flags(
 
 
 def _read(name: str) -> Iterator[tfdb.TransformStamped]:
-    """Static transforms of a file or store."""
+    """Read the static transforms of a file or store."""
     if name.lower().endswith(_MODELS):
         (path,) = common.find_paths((name,))
         yield from load_urdf(path).static_transforms()

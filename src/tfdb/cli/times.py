@@ -1,4 +1,4 @@
-"""Typed times, converted to integer nanoseconds without floats."""
+"""Times on the command line, converted to integer nanoseconds without floats."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ HINT = (
 
 @dataclass(frozen=True)
 class TimeSpec:
-    """A time that may need the recording to be known.
+    """A time, or an offset in a recording.
 
-    `ns` is absolute, or counts from the start (`since` 1) or to the end (-1); None: the latest.
+    `ns` is absolute, counts from the start (`since` 1), or back from the end (-1). None: the
+    latest.
     """
 
     text: str
@@ -46,7 +47,7 @@ class TimeSpec:
         return None if self.ns is None else Time(self.text, self.ns, self.since).stamp(span)
 
     def may_be_offset(self, span: tuple[int, int] | None) -> bool:
-        """Whether it lies far before the recording, and is no longer."""
+        """Whether the time is far before the recording, and not longer than the recording."""
         return self.ns is not None and Time(self.text, self.ns, self.since).may_be_offset(span)
 
 
@@ -54,21 +55,21 @@ LATEST = TimeSpec("latest", None)
 
 
 def ask_of_offsets(span: tuple[int, int] | None, *times: TimeSpec | None) -> str:
-    """Ask whether offsets were meant by times; empty where they were not."""
+    """Suggest offsets for absolute times; empty if they are not likely to be offsets."""
     given = [f"+{time.text}" for time in times if time is not None and time.may_be_offset(span)]
     return f"did you mean {' and '.join(given)}, from the start?" if given else ""
 
 
 def warn_of_bounds(span: tuple[int, int] | None, **bounds: TimeSpec | None) -> None:
-    """Warn of times, by the names of their options, by which an offset was meant."""
+    """Warn of absolute times that are likely to be offsets; the keywords are option names."""
     for name, time in bounds.items():
         if time is not None and (question := ask_of_offsets(span, time)):
-            text = f"--{name} {time.text} lies before all that moves; {question}"
+            text = f"--{name} {time.text} is before the first moving transform; {question}"
             output.say(f"tfdb: warning: {text}", err=True)
 
 
 def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -> TimeSpec | None:
-    """Click's callback for a time."""
+    """Convert an option's text to a time."""
     text = (value or "").strip()
     if value is None or ctx.resilient_parsing:
         return None
@@ -85,17 +86,17 @@ def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -
 
 
 def _looks_like_ns(text: str) -> bool:
-    """Whether a time is written as nanoseconds since 1970 are, without their unit."""
+    """Return whether a number looks like nanoseconds since 1970 without their unit."""
     return text.isascii() and text.isdigit() and _EPOCH_NS <= int(text) <= MAX_STAMP
 
 
 def duration_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
-    """Click's callback for a length of time: `10`, `10s`, `0.5`, or nanoseconds with `ns`."""
+    """Convert an option's text to a duration: `10`, `10s`, `0.5`, or nanoseconds with `ns`."""
     return _length_option(ctx, param, value, read_length)
 
 
 def offset_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
-    """Click's callback for a length of time with a sign."""
+    """Convert an option's text to a signed duration."""
     return _length_option(ctx, param, value, read_offset)
 
 
@@ -112,11 +113,10 @@ def _length_option(
 
 
 def read_stamps(text: str, name: str) -> list[int]:
-    """Stamps of a text with one per line, in seconds or with ``ns``.
+    """Read stamps from a text, one per line: seconds, or nanoseconds with `ns`.
 
-    The first column counts, so a TUM or CSV trajectory works too; empty lines, ``#`` comments and
-    a CSV heading are passed over. A first column of integers above 10^14 is taken for nanoseconds
-    (as EuRoC writes them).
+    The stamp is the first column, so TUM and CSV trajectories are valid. Empty lines, `#` comments
+    and a CSV header are skipped. Integers above 10^14 are nanoseconds, as in EuRoC files.
     """
     stamps: list[int] = []
     for number, line in enumerate(text.splitlines(), start=1):

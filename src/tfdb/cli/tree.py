@@ -1,4 +1,4 @@
-"""``tfdb tree``: the frame tree."""
+"""``tfdb tree``: shows the frame tree."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def command(*, files: tuple[str, ...], at: TimeSpec | None, as_json: bool) -> No
 
     Example: tfdb tree drive.mcap --at +12.5
 
-    TIME is in seconds (12.5) or nanoseconds (12500000000ns), or an offset from the start (+1.5) or
-    the end (-0.5).
+    TIME is in seconds (12.5), in nanoseconds (12500000000ns), a date (2026-05-17T12:00:00.25), or
+    an offset from the start (+1.5) or the end (-0.5).
     """
     loaded = common.load(files, apart=True)
     time = None if at is None else at.resolve(loaded.span)
@@ -59,7 +59,7 @@ def command(*, files: tuple[str, ...], at: TimeSpec | None, as_json: bool) -> No
 
 
 def print_tree(store: Buffer | Snapshot) -> None:
-    """Print the newest frame tree of a store, in the columns that the terminal has."""
+    """Print the newest frame tree of a store in the width of the terminal."""
     _print(Forest(store.tree()), {edge.info.name: edge for edge in edge_summaries(store)})
 
 
@@ -87,7 +87,7 @@ def _body(
 
 
 def _draw(forest: Forest, edges: dict[str, EdgeSummary], root: str) -> Iterator[Text]:
-    """Lines of one tree. Its guides are as wide as leaves each name in its place."""
+    """Return the lines of one tree. Its guides are narrow enough for every name to fit."""
     rows = list(forest.walk(root))
     width = layout.width()
     step = next((s for s in (4, 2) if all(_fits(r, s, width) for r in rows)), 1)
@@ -121,7 +121,7 @@ def _fits(row: TreeRow, step: int, width: int) -> bool:
 
 
 def _notes(edge: EdgeSummary) -> Iterator[Text]:
-    """What there is to say of an edge, the most important first."""
+    """Return the facts of an edge, the most important first."""
     info = edge.info
     notes = ["static"] if info.is_static else []
     if not info.is_static:

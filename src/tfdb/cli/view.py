@@ -1,4 +1,4 @@
-"""``tfdb view``: a page in the browser that shows a store, live or at any stamp."""
+"""``tfdb view``: serves a page that shows a store, live or at any stamp."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
 
 _PORT = 8470
 _FOXGLOVE_PORT = 8765
-"""At which Foxglove and Lichtblick look by themselves."""
+"""The port that Foxglove and Lichtblick try by default."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _KEPT = 60 * NS
-"""How much of a graph is kept, to look back."""
+"""History that is kept of a graph."""
 
 
 @click.command("view", cls=SuggestingCommand)
@@ -57,7 +57,8 @@ _KEPT = 60 * NS
     default="127.0.0.1",
     show_default=True,
     metavar="ADDRESS",
-    help="Address to listen on. Beyond loopback, the page needs the token of the printed address.",
+    help="Address to listen on. On other addresses than loopback, browsers need the token in the "
+    "printed URL.",
 )
 @click.option(
     "--allow-host",
@@ -70,7 +71,8 @@ _KEPT = 60 * NS
 @click.option(
     "--foxglove",
     is_flag=True,
-    help="Serve Foxglove and Lichtblick instead of a browser, at port 8765 unless --port is given.",
+    help="Serve the viewers Foxglove and Lichtblick instead of the page. Their port is 8765 unless "
+    "--port is given.",
 )
 @expect_option
 @node_option
@@ -93,9 +95,9 @@ def command(
 
     FILE is a shared store (shm:NAME), a live graph (ros1:, ros2:), a recording or a frozen store.
     The page follows live data, and shows any past stamp that the store still keeps. It highlights
-    edges whose newest sample is several periods old; with --expect, edges that break an
-    expectation. With --urdf, it draws the boxes, cylinders, spheres and STL meshes of the robot's
-    links. The command serves the page, or with --foxglove those viewers, until Ctrl-C.
+    edges whose newest sample is several periods old. With --expect it highlights edges that break
+    an expectation. With --urdf it draws the boxes, cylinders, spheres and STL meshes of the robot's
+    links. The command serves the page until Ctrl-C.
     """
     host = "127.0.0.1" if host == "localhost" else host
 
@@ -126,7 +128,7 @@ def command(
     def ready(address: str) -> None:
         told(address)
         if not no_open:
-            # A browser in the terminal returns at its end, and the page is served meanwhile.
+            # A text browser runs until its user quits; the page must be served meanwhile.
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     def serve(model: Model) -> None:
@@ -149,7 +151,7 @@ def command(
 
 
 def _urdf(file: str) -> str | None:
-    """Return the file of --urdf, which reads joint states only where a recording has some."""
+    """Return the file of --urdf; if FILE has no joint states, remove it from the selection."""
     chosen = given()
     urdf: str | None = chosen.get("urdf")
     if urdf is None or "joint_topic" in chosen:
@@ -168,7 +170,7 @@ def _has_joint_states(file: str) -> bool:
 
 
 def _refuse_page_options(file: str, names: list[str]) -> None:
-    """Refuse what --foxglove cannot serve."""
+    """Refuse options and files that --foxglove does not support."""
     if names:
         raise click.UsageError(f"{', '.join(names)} cannot be used with --foxglove")
     if not common.is_live(file):
@@ -198,7 +200,7 @@ def _serve_foxglove(file: str, host: str, port: int, ready: Callable[[str], None
 
 
 def _run(serving: Coroutine[Any, Any, None]) -> None:
-    """Run until a signal, whose handler is called then: not amid a task, which would print it."""
+    """Run until a signal. Its handler runs after the loop: within a task it would be printed."""
     handlers = {number: signal.getsignal(number) for number in _SIGNALS}
     came: list[int] = []
 

@@ -1,4 +1,4 @@
-"""``tfdb view-frames``: a picture of the frame tree."""
+"""``tfdb view-frames``: draws the frame tree."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ _PICTURES = (".svg", ".pdf", ".png")
     "out",
     metavar="OUT",
     type=click.Path(),
-    help="Write a .pdf, .svg, .png, .dot or .gv file; '-' writes DOT to stdout, another name "
-    "OUT.gv and OUT.pdf.  [default: frames_DATE_TIME]",
+    help="Write this .pdf, .svg, .png, .dot or .gv file. '-' writes DOT to stdout. With any other "
+    "extension, OUT.gv and OUT.pdf are written.  [default: frames_DATE_TIME]",
 )
 @common.overwrite_option
 @listen_option
@@ -86,14 +86,14 @@ def command(
 
 
 def _outputs(out: str | None, files: Sequence[str], *, overwrite: bool) -> list[Path]:
-    """Files to be written; refused before anything is read."""
+    """Return the files to write. Invalid ones are refused before the input is read."""
     if out == "-":
         return []
     if out is None:
         out = time.strftime("frames_%Y-%m-%d_%H.%M.%S")
     path = check_path(out)
     single = path.suffix.lower() in (*_DOT, *_PICTURES)
-    # A name may have a point in it, as the default has.
+    # Append the extension: the name may have a dot, as the default does.
     found = [path] if single else [path.with_name(path.name + end) for end in (".gv", ".pdf")]
     read = common.find_paths([name for name in files if not common.is_live(name)])
     for each in found:
@@ -102,7 +102,7 @@ def _outputs(out: str | None, files: Sequence[str], *, overwrite: bool) -> list[
 
 
 def _draw(path: Path, dot: str, infos: Sequence[FrameInfo]) -> None:
-    """Write one file, in the format that its name says."""
+    """Write one file, in the format of its extension."""
     kind = path.suffix.lower()
     if kind in _DOT:
         path.write_text(dot, encoding="utf-8")
@@ -118,7 +118,7 @@ def _draw(path: Path, dot: str, infos: Sequence[FrameInfo]) -> None:
         plot.frame_tree(infos).savefig(path)
         return
     command = [program, f"-T{kind[1:]}", "-o", str(path)]
-    # A fixed command: names of frames are in its input alone.
+    # The command is fixed; frame names are only in its input.
     done = subprocess.run(  # noqa: S603
         command, input=dot, capture_output=True, encoding="utf-8", errors="replace", check=False
     )
@@ -127,7 +127,7 @@ def _draw(path: Path, dot: str, infos: Sequence[FrameInfo]) -> None:
 
 
 def _dot(infos: Sequence[FrameInfo], now: int | None) -> Iterator[str]:
-    """Lines of the tree as a graph; `now`, on the clock of the stamps, tells ages."""
+    """Return the tree as DOT lines; `now`, by the clock of the stamps, gives the ages."""
     yield "digraph frames {"
     yield '  node [shape=box, style=rounded, fontname="sans-serif"];'
     yield '  edge [fontname="sans-serif", fontsize=9];'
@@ -144,7 +144,7 @@ def _dot(infos: Sequence[FrameInfo], now: int | None) -> Iterator[str]:
 
 
 def _facts(info: FrameInfo, now: int | None) -> Iterator[str]:
-    """What is said of an edge."""
+    """Return the label of an edge."""
     yield info.authority or "publisher unknown"
     if info.is_static:
         yield "static"

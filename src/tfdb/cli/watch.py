@@ -1,4 +1,4 @@
-"""``tfdb watch``: events of a live store or graph, as its expectations are broken and met again."""
+"""``tfdb watch``: prints an event when an expectation is broken, or met again."""
 
 from __future__ import annotations
 
@@ -53,9 +53,10 @@ def command(
 
     Example: tfdb watch ros2: --expect expectations.toml
 
-    Exit code: 0 without an event of the severity error or stale, 1 with one, 2 on an error. FILE is
-    a live graph (ros1:, ros2:) or a shared store (shm:NAME), which is watched until Ctrl-C or
-    --for. 'tfdb check --expect' judges a recording.
+    FILE is a live graph (ros1:, ros2:) or a shared store (shm:NAME). It is watched until Ctrl-C, or
+    as long as --for states. 'tfdb check --expect' checks a recording.
+
+    Exit code: 1 after an event of severity error or stale, 0 without one, 2 on an error.
     """
     from tfdb.judging.events import BROKEN  # noqa: PLC0415 - with its room
     from tfdb.judging.expectations import Expectations  # noqa: PLC0415
@@ -95,7 +96,7 @@ class Diagnostics:
         self._subjects: dict[str, dict[str, Event]] = {}
 
     def take(self, events: Sequence[Event]) -> None:
-        """Take events, and publish if there are any or a second has passed."""
+        """Add events; publish after an event, and once a second."""
         for event in events:
             kinds = self._subjects.setdefault(event.subject, {})
             kinds[event.kind] = event
@@ -120,7 +121,7 @@ class Diagnostics:
 
 
 def watch_events(live: Live, expected: Expectations, length: int | None) -> Iterator[list[Event]]:
-    """Follow the commits, and yield the events of each look at them."""
+    """Follow the commits, and yield the events of each step."""
     from tfdb.judging.judge import Judge  # noqa: PLC0415 - numpy
     from tfdb.judging.live import LOOK, LiveJudge  # noqa: PLC0415
 

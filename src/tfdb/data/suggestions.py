@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def near_names(name: str, known: Iterable[str], *, most: int = 3, cutoff: float = 0.5) -> list[str]:
-    """The names in `known` most similar to `name`, ignoring case, nearest first."""
+    """Return the names in `known` most similar to `name`, ignoring case, nearest first."""
     alike: dict[str, list[str]] = {}
     for each in known:
         alike.setdefault(each.casefold(), []).append(each)
@@ -21,7 +21,7 @@ def near_names(name: str, known: Iterable[str], *, most: int = 3, cutoff: float 
 
 
 def did_you_mean(names: Iterable[str], known: Iterable[str]) -> str:
-    """Ask whether the names nearest to some that are missing were meant; empty: none is near."""
+    """Suggest the known names nearest to missing ones; empty if none is near."""
     known = sorted(known)
     near = dict.fromkeys(each for name in names for each in near_names(name, known, most=1))
     return f"; did you mean {', '.join(map(repr, near))}?" if near else ""
@@ -37,6 +37,8 @@ def no_frame(option: str, frame: str, frames: Sequence[str]) -> UnknownFrame:
     """Return the error for a frame that an option names and `frames` lack."""
     near = near_names(frame, frames)
     hint = (
-        f"did you mean {', '.join(map(repr, near))}?" if near else f"there are {first_few(frames)}"
+        f"did you mean {', '.join(map(repr, near))}?"
+        if near
+        else f"the frames are {first_few(frames)}"
     )
     return UnknownFrame(f"{option}: frame {frame!r} does not exist; {hint}", frame=frame)

@@ -369,13 +369,14 @@ class Rewriter:
         if unused:
             plain = [entry for entry in unused if not set(entry) & set("*?")]
             hint = did_you_mean(plain, self._rules.names)
-            message = f"exclude: nothing read from {what} is called {first_few(unused)}{hint}"
+            names = first_few(unused)
+            message = f"exclude: no frame, topic or node of {what} matches {names}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         known = self._known()
         unknown = sorted(set(choice.rename) - known)
         if unknown:
             hint = did_you_mean(unknown, known)
-            message = f"rename: nothing read from {what} is called {first_few(unknown)}{hint}"
+            message = f"rename: no frame of {what} is called {first_few(unknown)}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         left_out = self._left_out_names()
         if left_out:

@@ -114,8 +114,8 @@ class Selection:
         default=None,
         metadata=_option(
             "FROM[:TO]",
-            "Read only this topic. FROM:TO reads FROM as TO, which ends in tf or tf_static. "
-            "Repeatable.  [default: every topic of transforms]",
+            "Read only the topic FROM. FROM:TO also renames it to TO, which must end in tf or "
+            "tf_static. Repeatable.  [default: all topics with transforms]",
         ),
     )
     start: StampLike | str | None = field(
@@ -125,18 +125,18 @@ class Selection:
         default=None, metadata=_option("TIME", "Read no moving transform after this time.")
     )
     keep: float | None = field(
-        default=None, metadata=_option("SECONDS", "Read only the last SECONDS.")
+        default=None, metadata=_option("SECONDS", "Read only the last SECONDS seconds.")
     )
     frames: str | Iterable[str] | None = field(
         default=None,
-        metadata=_option("NAME", "Read only the edges between these frames; repeatable."),
+        metadata=_option("NAME", "Read only the paths between these frames; repeatable."),
     )
     exclude: str | Iterable[str] = field(
         default=(),
         metadata=_option(
             "NAME",
-            "Leave out this frame, topic or node; * and ? as in a shell. TOPIC:FRAME leaves out "
-            "the edge of FRAME on TOPIC. Repeatable.",
+            "Leave out the frame, topic or node NAME; * and ? work as in a shell. TOPIC:FRAME "
+            "leaves out only the edge of FRAME on TOPIC. Repeatable.",
         ),
     )
     rename: Mapping[str, str] | None = field(
@@ -164,7 +164,8 @@ class Selection:
         default=None,
         metadata=_option(
             "s|ms|us|ns",
-            "Unit of the stamps in trajectory files.  [default: from the header or the numbers]",
+            "Unit of the stamps in trajectory files.  [default: that of the header, otherwise "
+            "guessed from the numbers]",
         ),
     )
     prefix: str = field(
@@ -174,23 +175,23 @@ class Selection:
         default=False,
         metadata=_option(
             "",
-            "Load each group of topics under its own prefix: the frames of /robot1/tf under "
-            "robot1/.",
+            "Put the namespace of a topic before its frames: robot1/ before the frames of "
+            "/robot1/tf.",
         ),
     )
     mix: bool = field(
         default=False,
         metadata=_option(
             "",
-            "Load all into one tree, although groups of topics, or files, disagree on an edge.",
+            "Load all data into one tree, even if topics or files disagree on an edge.",
         ),
     )
     salvage: bool = field(
         default=False,
         metadata=_option(
             "",
-            "Read damaged, cut and unindexed files as far as they go; sort rows of trajectories "
-            "and skip bad ones. Print what is lost.",
+            "Read damaged, cut and unindexed files as far as possible. Sort the rows of "
+            "trajectories and skip invalid rows. Print what is lost.",
         ),
     )
 

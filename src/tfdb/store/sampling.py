@@ -107,12 +107,12 @@ def _stored_stamps(
     if len(stamps) == 0:
         if start is not None and end is not None:
             _check_order(start, end)
-        raise InvalidArgument(
-            f"the path T[{target}<-{source}] has no stored stamp between start and end: pass "
-            "rate for poses at other stamps",
-            target=target,
-            source=source,
-        )
+        what = f"T[{target}<-{source}] has no stored stamp from start to end"
+        remedy = "give rate (--rate) for poses at other stamps"
+        if not len(snapshot._path_stamps(target, source, None, None)):
+            what = f"no edge of the path T[{target}<-{source}] moves"
+            remedy = "give rate, start and end (--rate, --start, --end)"
+        raise InvalidArgument(f"{what}: {remedy}", target=target, source=source)
     return stamps
 
 
