@@ -42,7 +42,7 @@ def test_a_good_history(tool: Tool, tmp_path: Path) -> None:
 def test_a_torn_batch(tool: Tool, tmp_path: Path) -> None:
     path = history(tmp_path, FIRST, BATCH, HALF)
     done = tool("verify", path, code=1)
-    assert "torn_batch (1): a part of one commit's writes seen" in done.out
+    assert "torn_batch (1): a reader that saw some writes of a commit" in done.out
     assert "half saw 3 of a, written by batch" in done.out
     assert "half saw 2 of b, not 4, which batch wrote" in done.out
     assert "not strictly serializable" in done.out
