@@ -1,34 +1,33 @@
 """What more cores would bring: a prediction from points of one and two threads.
 
-No machine with many cores took part. The model knows three ways in which threads hinder each other
-and takes every cost from measurements of one and two threads (sweeps ``readers`` and ``threads``):
+No machine with many cores was available. The model has three kinds of engines. All costs come from
+measurements with one and two threads (sweeps ``readers`` and ``threads``):
 
 *one at a time* (``giant``, ``tf2``): every operation holds one lock from its start to its end.
-Two threads already keep the lock busy, hand-offs included, so more threads bring nothing:
+Two threads already keep the lock busy, so more threads add nothing:
 
     X(N) = X(2)                                  for N >= 2
 
-*lines move* (``fine``, the three ``2pl``): a lookup of L edges takes and releases L frame locks,
-and so writes L cache lines that other threads write too. With N threads on the same frames, the
-last to write such a line was another thread with probability (N - 1) / N; then it must be fetched:
+*lock words move* (``fine``, the three ``2pl``): a lookup of L edges takes and releases L frame
+locks, so it writes L cache lines that other threads also write. With N threads on the same frames,
+another thread wrote such a line last with probability (N - 1) / N. The line must then be loaded:
 
     t(N) = t(1) + L c (N - 1) / N,   X(N) = N / t(N),   c = 2 (t(2) - t(1)) / L
 
-*nothing moves* (``snapshot``, ``silo``): a lookup writes no line that another thread touches. What
-two threads lose all the same (memory, caches, the machine's neighbours) is taken for a share s
-that cannot go in parallel, as Amdahl's law has it:
+*no shared writes* (``snapshot``, ``silo``): a lookup writes no line that another thread uses. The
+loss of two threads (memory, caches, other programs) counts as a serial share s, as in Amdahl's law:
 
     X(N) = N X(1) / (1 + s (N - 1)),   s = 2 X(1) / X(2) - 1, at least 0
 
-Half reading, half writing, N even: an engine of the first kind does the same sum of operations
-whatever N; `snapshot` has N / 2 times the lookups of one reader beside one writer, and the writes
-of one writer, as commits take turns; for the others N / 2 times both.
+With half of the operations writing, and N even, the first kind does the same number of operations
+for any N. `snapshot` has N / 2 times the lookups of one reader beside one writer, and the writes of
+one writer, because commits take turns. The others have N / 2 times both.
 
-Limits: threads have a core each; one socket, where a line costs the same from everywhere; no bound
-by memory; no conflicts beyond those of two threads. A mutex with many waiters gets slower, not
-faster (the thesis: 0.063 M/s with 14 threads, 0.048 with 112), so what is predicted for `giant`
-and `tf2` is too high, and the others' lead over them too small. `silo` retries more the more
-writers there are, so its half-and-half prediction is too high as well.
+Limits: the model assumes one core per thread, one socket with equal costs of all lines, enough
+memory bandwidth, and no more conflicts than between two threads. A mutex with many waiting threads
+gets slower (the thesis: 0.063 M/s with 14 threads, 0.048 with 112). So the predictions for `giant`
+and `tf2` are too high, and the ratios to them too small. `silo` retries more often with more
+writers, so its prediction with half writing is also too high.
 """
 
 from __future__ import annotations
@@ -39,16 +38,16 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from .results import Results
 
-Kind = Literal["one at a time", "lines move", "nothing moves"]
+Kind = Literal["one at a time", "lock words move", "no shared writes"]
 
 KINDS: dict[str, Kind] = {
-    "snapshot": "nothing moves",
+    "snapshot": "no shared writes",
     "giant": "one at a time",
-    "fine": "lines move",
-    "2pl-no-wait": "lines move",
-    "2pl-wait-die": "lines move",
-    "2pl-wound-wait": "lines move",
-    "silo": "nothing moves",
+    "fine": "lock words move",
+    "2pl-no-wait": "lock words move",
+    "2pl-wait-die": "lock words move",
+    "2pl-wound-wait": "lock words move",
+    "silo": "no shared writes",
     "tf2": "one at a time",
 }
 THREADS = tuple(range(1, 17))
@@ -86,7 +85,7 @@ class Costs:
             return self.alone
         if self.kind == "one at a time":
             return self.pair
-        if self.kind == "lines move":
+        if self.kind == "lock words move":
             moved = self.edges * self.line_ns * (threads - 1) / threads
             return threads / (1.0 / self.alone + 1e-9 * moved)
         return threads * self.alone / (1.0 + self.serial_share * (threads - 1))
@@ -106,7 +105,7 @@ class Costs:
         """Name the one parameter that the engine's kind has, with its value."""
         if self.kind == "one at a time":
             return f"X(2) = {self.pair / 1e6:.3g} M/s"
-        if self.kind == "lines move":
+        if self.kind == "lock words move":
             return f"c = {self.line_ns:.3g} ns a line"
         return f"s = {self.serial_share:.3g}"
 
