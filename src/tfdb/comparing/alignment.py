@@ -33,7 +33,7 @@ MODES: dict[Align, str] = {
 """The fitted transforms, and their names for users."""
 
 NEEDED: dict[Align, int] = {"se3": 3, "sim3": 3, "scale": 2, "yaw": 2, "origin": 2, "none": 2}
-"""Smallest number of matched poses; relative errors need two in any case."""
+"""Smallest number of matched poses; relative errors always need two."""
 
 _EPSILON = float(np.finfo(np.float64).eps)
 
@@ -63,7 +63,8 @@ class Similarity:
 def align(reference: Array, estimate: Array, how: Align) -> Similarity:
     """Fit the estimate's poses (N, 7) to those of the reference.
 
-    Raises NotComparable if they do not determine it: too few, in one place, on a straight line.
+    Raises NotComparable if the poses do not determine the transform: too few, in one place, or on a
+    straight line.
     """
     if how == "none":
         return Similarity(np.eye(3), np.zeros(3), 1.0)
@@ -95,7 +96,7 @@ def _umeyama(target: Array, source: Array, *, scaled: bool) -> Similarity:
 
 
 def _yaw(target: Array, source: Array) -> Similarity:
-    """Turn about z only; the sums are those of the horizontal dot and cross products."""
+    """Fit a rotation about z, from the sums of the horizontal dot and cross products."""
     middle, other = target.mean(axis=0), source.mean(axis=0)
     a, b = target - middle, source - other
     for name, points in (("reference", target), ("estimate", source)):
@@ -119,7 +120,7 @@ def _rounding(points: Array) -> float:
 
 
 def _refuse_degenerate(target: Array, source: Array, how: Align) -> None:
-    """Refuse positions that leave the rotation or the scale open."""
+    """Refuse positions that do not determine the rotation or the scale."""
     for name, points in (("reference", target), ("estimate", source)):
         # Root mean squares along the principal axes.
         extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
@@ -130,7 +131,7 @@ def _refuse_degenerate(target: Array, source: Array, how: Align) -> None:
                 f"align={how!r} needs motion; align='origin' or 'none' does not",
                 reason="standing still",
             )
-        # The scale is that of the lengths.
+        # A scale needs only lengths.
         if how != "scale" and extents[1] <= max(1e-9 * extents[0], _rounding(points)):
             raise NotComparable(
                 f"the {name} moves on a straight line (within {extents[1]:.2g} m over "

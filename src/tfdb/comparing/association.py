@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .poses import Array, Rows, Stamps
 
 NEAREST_MAX_DIFF = 10_000_000
-"""Nanoseconds: evo's limit, and that of the tools of the TUM RGB-D benchmark."""
+"""Nanoseconds: the limit of evo and of the TUM RGB-D benchmark's tools."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class MatchedPoses:
     reference: Array
     estimate: Array
     max_diff: int
-    """How far, in nanoseconds, the nearest pose could be."""
+    """Longest allowed time to the nearest pose, in nanoseconds."""
 
 
 def associate(
@@ -56,7 +56,7 @@ def associate(
     limit = _default(many, interpolated=interpolated) if max_diff is None else max_diff
     nearest, away = _nearest(few.stamps, many.stamps[there(many)])
     rows = np.flatnonzero(there(few) & (interpolated | (away <= limit)))
-    # Stores know no stamps below 0, and an offset may lead there: each is asked by its own clock.
+    # An offset may lead to negative stamps, which are invalid: look up each by its own clock.
     own = many is moved
     searched = estimate if own else reference
     if interpolated:
@@ -74,7 +74,7 @@ def associate(
 def _by_row(reference: Trajectory, estimate: Trajectory) -> MatchedPoses:
     """Match poses row by row, at the stamps of the reference.
 
-    Raises NotComparable where one has more rows than the other, or no row has both poses.
+    Raises NotComparable if the numbers of rows differ, or no row has both poses.
     """
     if len(reference) != len(estimate):
         raise NotComparable(
@@ -92,7 +92,7 @@ def _known(rows: Rows, found: Array) -> tuple[Rows, Array]:
 
 
 def _decides(reference: Trajectory, estimate: Trajectory, *, common: bool) -> bool:
-    """Whether to match at the stamps of the estimate: the reference has at least as many poses.
+    """Return whether to match at the estimate's stamps: the reference has at least as many poses.
 
     With `common`, only poses of the common time count.
     """
@@ -105,7 +105,7 @@ def _decides(reference: Trajectory, estimate: Trajectory, *, common: bool) -> bo
 
 
 def _default(searched: Trajectory, *, interpolated: bool) -> int:
-    """The default limit: half of the interval that counts as a gap."""
+    """Return the default limit: half of the interval that counts as a gap."""
     period = find_gaps(searched.stamps[there(searched)])[0]
     if not interpolated or period is None:
         return NEAREST_MAX_DIFF
@@ -113,7 +113,7 @@ def _default(searched: Trajectory, *, interpolated: bool) -> int:
 
 
 def _nearest(stamps: Stamps, others: Stamps) -> tuple[Rows, npt.NDArray[np.int64]]:
-    """For each stamp: the row of the nearest other (the first of two) and its distance."""
+    """Return for each stamp the row of the nearest other (of two, the first) and its distance."""
     after = np.clip(np.searchsorted(others, stamps), 1, max(len(others) - 1, 1))
     after = np.minimum(after, len(others) - 1)
     before = np.maximum(after - 1, 0)

@@ -222,7 +222,7 @@ def _judge(
 
 
 def _offset(offset: Any) -> int | None:
-    """Return an offset in nanoseconds; None: it is to be estimated."""
+    """Return an offset in nanoseconds; None if it must be estimated."""
     if isinstance(offset, str):
         check_word("offset", offset, ("estimate",), "a number of seconds")
         return None

@@ -36,7 +36,7 @@ Frames: TypeAlias = tuple[str, str]
 
 @dataclass(frozen=True)
 class Reading:
-    """How trajectory files are read; `by_row`: KITTI poses need no stamps."""
+    """Options for reading trajectory files; `by_row`: KITTI poses need no stamps."""
 
     salvage: bool = False
     stamp_unit: Unit | None = None
@@ -46,10 +46,10 @@ class Reading:
 def to_trajectory(
     given: Any, frames: Frames | None, role: str, parameter: str, reading: Reading
 ) -> Trajectory:
-    """Make a trajectory of an argument.
+    """Make a trajectory from an argument.
 
-    `role` names it in errors, `parameter` the frames. Raises what loading and looking up raise,
-    InvalidArgument, InvalidTransform and NotComparable.
+    Errors name the argument by `role` and its frames by `parameter`. Raises the errors of loading
+    and lookups, InvalidArgument, InvalidTransform and NotComparable.
     """
     names: Any = () if frames is None else frames
     fine = frames is None or (isinstance(names, list | tuple) and len(names) == 2)
@@ -83,9 +83,9 @@ def to_trajectory(
 
 
 def pairs_by_row(reference: Any, estimate: Any, delta_unit: object) -> bool:
-    """Whether both are files of KITTI poses, of which one has no stamps.
+    """Return whether both are KITTI files, and at least one of them has no stamps.
 
-    Raises InvalidArgument for a `delta_unit` of seconds, which they do not have.
+    Then a `delta_unit` of seconds raises InvalidArgument.
     """
     timed = [_kitti_times(given) for given in (reference, estimate)]
     if None in timed or all(timed):
@@ -96,7 +96,7 @@ def pairs_by_row(reference: Any, estimate: Any, delta_unit: object) -> bool:
 
 
 def _kitti_times(given: Any) -> bool | None:
-    """Whether a file of KITTI poses has times beside it; None for all else."""
+    """Return whether a file of KITTI poses has a file of times; None for other inputs."""
     if not isinstance(given, str | os.PathLike):
         return None
     path = check_path(given)
@@ -106,7 +106,7 @@ def _kitti_times(given: Any) -> bool | None:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file is a recording; `Trajectory.read` reads the others."""
+    """Return whether a file is a recording; `Trajectory.read` reads all other files."""
     with suppress(RecordingError):
         return kind_of(path) != "trajectory"
     return False
@@ -115,7 +115,7 @@ def is_recording(path: Path) -> bool:
 def looked_up(
     reads: Buffer | Snapshot, frames: Frames | None, role: str, parameter: str
 ) -> Trajectory:
-    """T[target<-source] at each stored stamp of the path that has a pose."""
+    """Look up T[target<-source] at each stored stamp of the path that has a pose."""
     if frames is None:
         chain = longest_moving_chain(reads.tree())
         hint = f", such as {chain!r}" if chain else ""

@@ -17,7 +17,7 @@ DeltaUnit: TypeAlias = Literal["frames", "m", "s", "deg", "rad"]
 UNITS: tuple[DeltaUnit, ...] = ("frames", "m", "s", "deg", "rad")
 
 _LONGEST = 4e9
-"""Seconds; no two stamps are so far apart."""
+"""Seconds: longer than the range of stamps."""
 _IN_UNITS = {"s": 1e-9, "deg": np.rad2deg(1.0)}
 
 
@@ -30,11 +30,12 @@ def find_pairs(
     all_pairs: bool,
     tolerance: float,
 ) -> Rows:
-    """Rows (M, 2) of the poses that lie `delta` apart.
+    """Return the rows (M, 2) of the poses that are `delta` apart.
 
-    Consecutive pairs: each ends at the first pose whose path length from its begin reaches `delta`,
-    and the next begins there. All pairs: from every pose to the one whose path length is nearest to
-    `delta`, within the relative `tolerance`; of angles, to every pose that is rotated by `delta`.
+    Consecutive pairs: each pair ends at the first pose whose path length from the pair's first pose
+    reaches `delta`; the next pair begins there. All pairs: each pose is paired with the pose whose
+    path length is nearest to `delta`, within the relative `tolerance`. For angles, each pose is
+    paired with all poses that are rotated by `delta`.
     Raises NotComparable if no pair is found.
     """
     count = len(poses)
@@ -47,7 +48,7 @@ def find_pairs(
     turns = unit in ("deg", "rad")
     wanted = float(np.deg2rad(delta)) if unit == "deg" else delta
     steps: Array | Stamps
-    if unit == "s":  # in nanoseconds: the sum of ten tenths is less than one
+    if unit == "s":  # in nanoseconds: as floats, ten tenths sum to less than one
         wanted = max(round(min(delta, _LONGEST) * 1e9), 1)
         steps = np.diff(stamps)
     else:
@@ -86,7 +87,7 @@ def _nearest(steps: Array | Stamps, wanted: float, tolerance: float) -> Rows:
     way = np.insert(np.cumsum(steps), 0, 0)
     first = np.arange(len(way) - 1)
     reached = np.searchsorted(way, way[:-1] + wanted)
-    # Where it stands still several poses are as near: the first of them counts.
+    # During a standstill several poses are equally near: the first one counts.
     short = np.searchsorted(way, way[reached - 1])
     ends = np.stack((short, np.minimum(reached, len(way) - 1)), axis=1)
     ends = np.maximum(ends, first[:, np.newaxis] + 1)
@@ -108,7 +109,7 @@ def _by_angle(poses: Array, wanted: float, tolerance: float) -> Rows:
 
 
 def check_delta(delta: float, unit: DeltaUnit) -> None:
-    """Raise InvalidArgument unless `delta` can be one of that unit."""
+    """Raise InvalidArgument unless `delta` is valid in its unit."""
     if unit == "frames" and delta != int(delta):
         message = f"delta must be a whole number of frames, got {delta!r}"
         raise InvalidArgument(message, value=delta)

@@ -21,36 +21,36 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 
 
 def relative(a: Array, b: Array) -> Array:
-    """T_a^-1 T_b, row by row."""
+    """Return T_a^-1 T_b, row by row."""
     back = geometry.conjugate(a[:, 3:])
     moved = geometry.rotate(back, b[:, :3] - a[:, :3])
     return np.hstack((moved, geometry.multiply(back, b[:, 3:])))
 
 
 def angles(poses: Array) -> Array:
-    """By how much each pose rotates: radians, 0 to pi."""
+    """Return the rotation angle of each pose: radians, 0 to pi."""
     angle: Array = 2.0 * np.arctan2(np.linalg.norm(poses[:, 3:6], axis=1), np.abs(poses[:, 6]))
     return angle
 
 
 def distances(poses: Array) -> Array:
-    """By how much each pose translates: metres."""
+    """Return the length of each pose's translation: metres."""
     distance: Array = np.linalg.norm(poses[:, :3], axis=1)
     return distance
 
 
 def there(trajectory: Trajectory) -> Mask:
-    """Which rows hold a pose."""
+    """Return for each row whether it holds a pose."""
     return geometry.found(trajectory.poses)
 
 
 def poses_at(trajectory: Trajectory, stamps: Stamps, max_gap: int) -> Array:
-    """Poses (M, 7) interpolated as a store does it.
+    """Interpolate poses (M, 7) as a store does.
 
-    NaN outside, and where the poses around a stamp are more than `max_gap` nanoseconds apart.
+    NaN outside of the data, and in gaps of more than `max_gap` nanoseconds.
     """
     made = np.full((len(stamps), 7), np.nan)
-    # An offset may lead to stamps below 0, which nothing can be asked for.
+    # An offset may lead to negative stamps, at which no lookup is possible.
     inside = (stamps >= trajectory.stamps[0]) & (stamps <= trajectory.stamps[-1])
     policy = Interpolate(max_gap_ns=min(max_gap, MAX_STAMP))
     if inside.any():

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 Role = Literal["reference", "estimate"]
 
 _ORDERS = (("w x y z", (1, 2, 3, 0)), ("x y z w", (3, 0, 1, 2)))
-"""Possible order in the file, and the indices that convert it to x y z w."""
+"""Possible orders in a file, with the indices that convert them to x y z w."""
 _OFF = np.deg2rad(10.0)
 _PART = 0.2
 
 
 def order_hint(matched: MatchedPoses, fit: Similarity) -> str:
-    """Describe quaternions that seem to be in another order; empty: no sign of it.
+    """Describe quaternions that seem to be in another order; empty if they do not.
 
-    The positions agree, within a tenth of their extent, and the rotations would agree far better
-    with the numbers of one trajectory's quaternions in another order.
+    They seem so if the positions agree within a tenth of their extent, and another order of one
+    trajectory's quaternions makes the rotations agree far better.
     """
     moved = fit.apply(matched.estimate)
     errors = relative(matched.reference, moved)
@@ -56,7 +56,7 @@ def _middle(points: Array) -> Array:
 
 
 def _reordered(matched: MatchedPoses, fit: Similarity, role: str, places: tuple[int, ...]) -> float:
-    """The median angle between the rotations, with the quaternions of one in another order."""
+    """Return the median angle between the rotations, with the quaternions of one reordered."""
     given = {"reference": matched.reference, "estimate": matched.estimate}
     changed = given[role].copy()
     changed[:, 3:] = changed[:, [3 + place for place in places]]

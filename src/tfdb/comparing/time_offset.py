@@ -34,11 +34,11 @@ _MOST_POSES = 1_000
 _CANDIDATES = 6
 _WINDOW = 100_000_000
 _ROUNDING = 1e-15
-"""Ratio of misfits above which no offset is assumed."""
+"""Largest ratio of misfits at which an offset is accepted."""
 
 
 def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool) -> int:
-    """Nanoseconds to add to the estimate's stamps.
+    """Estimate the nanoseconds to add to the estimate's stamps.
 
     Half of the shorter trajectory must overlap the longer one. Raises NotComparable if the motion
     does not determine the offset: too few poses, standstill, constant speeds, no agreement.
@@ -64,7 +64,7 @@ def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool
 
 
 def _steps(reference: Trajectory, estimate: Trajectory) -> tuple[int, int]:
-    """The step of the grid, and the interval of a speed, both in nanoseconds."""
+    """Return the step of the grid, and the interval for speeds, both in nanoseconds."""
     lengths = [int(each.stamps[-1] - each.stamps[0]) for each in (reference, estimate)]
     periods = [find_gaps(each.stamps)[0] or 1 for each in (reference, estimate)]
     step = max(*periods, max(lengths) // _MOST_STEPS, 1)
@@ -73,7 +73,7 @@ def _steps(reference: Trajectory, estimate: Trajectory) -> tuple[int, int]:
 
 
 def _course(trajectory: Trajectory, step: int, window: int) -> Array:
-    """Speed and turn rate (2, N) at even stamps; NaN where unknown."""
+    """Return linear and angular speed (2, N) at even stamps; NaN where unknown."""
     stamps = np.arange(int(trajectory.stamps[0]), int(trajectory.stamps[-1]) + 1, step)
     poses = poses_at(
         trajectory, stamps, GAP_FACTOR * max(step, find_gaps(trajectory.stamps)[0] or 0)
@@ -84,7 +84,7 @@ def _course(trajectory: Trajectory, step: int, window: int) -> Array:
 
 
 def _correlate(ours: Array, theirs: Array, step: int) -> list[int]:
-    """Lags in nanoseconds with the best correlation of one of the two speeds, best first."""
+    """Return the lags (ns) with the best correlation of one of the two speeds, best first."""
     best: tuple[float, list[int]] | None = None
     for a, b in zip(ours, theirs, strict=True):
         found = _peaks(a, b, step)
@@ -107,7 +107,7 @@ def _correlate(ours: Array, theirs: Array, step: int) -> list[int]:
 
 
 def _peaks(a: Array, b: Array, step: int) -> tuple[float, list[int]] | None:
-    """The best correlation, and lags of the highest peaks; None if one is constant."""
+    """Return the best correlation, and the lags of the highest peaks; None if one is constant."""
     known = [np.isfinite(each) for each in (a, b)]
     sides = []
     for values, mask in zip((a, b), known, strict=True):
@@ -120,7 +120,7 @@ def _peaks(a: Array, b: Array, step: int) -> tuple[float, list[int]] | None:
     size = 1 << (len(a) + len(b)).bit_length()
 
     def lay(one: Array, other: Array) -> Array:
-        """Sums of products at each lag: the first len(a), then those below 0 from the end."""
+        """Return sums of products at each lag; negative lags are indexed from the end."""
         product = np.fft.rfft(one, size) * np.conj(np.fft.rfft(other, size))
         return np.asarray(np.fft.irfft(product, size))
 
@@ -143,7 +143,7 @@ def _peaks(a: Array, b: Array, step: int) -> tuple[float, list[int]] | None:
 
 
 def _vertex(values: Array, peak: int) -> float:
-    """Where between its neighbours the parabola through a peak is highest: -0.5 to 0.5."""
+    """Return the vertex of the parabola through a peak and its neighbours: -0.5 to 0.5."""
     if not 0 < peak < len(values) - 1:
         return 0.0
     left, middle, right = values[peak - 1 : peak + 2]
@@ -152,7 +152,7 @@ def _vertex(values: Array, peak: int) -> float:
 
 
 class _Fit:
-    """How well the positions fit at an offset, after alignment."""
+    """Measures how well the positions fit at an offset, after alignment."""
 
     def __init__(self, reference: Trajectory, estimate: Trajectory, *, scaled: bool) -> None:
         few, many = (estimate, reference), (reference, estimate)
@@ -168,7 +168,7 @@ class _Fit:
         self._start = int(self._many.stamps[0])
         self._times = (self._many.stamps[good] - self._start) / 1e9
         self._course = self._many.poses[good, :3]
-        # Straight through a hole nothing moved.
+        # The motion in a gap was not measured.
         holes = find_gaps(self._many.stamps[good])[2]
         self._holes = [
             ((h.before - self._start) / 1e9, (h.after - self._start) / 1e9) for h in holes
@@ -179,7 +179,7 @@ class _Fit:
         )
 
     def misfit(self, offset: int) -> float:
-        """The part of the motion that is left; infinite with too little in common."""
+        """Return the share of the motion that remains as error; infinite without enough overlap."""
         stamps = self._few.stamps[self._rows] + self._sign * offset
         times = (stamps - self._start) / 1e9
         inside = (times >= 0.0) & (times <= self._times[-1])
@@ -191,7 +191,7 @@ class _Fit:
         return _misfit(found, self._points[inside], scaled=self._scaled)
 
     def refine(self, offset: int, window: int) -> tuple[int, float]:
-        """The offset within a window of this one at which the misfit is least, and that."""
+        """Return the offset near this one with the least misfit, and the misfit."""
         many = np.linspace(-window, window, 41).astype(np.int64) + offset
         costs = [self.misfit(int(each)) for each in many]
         best = int(np.argmin(costs))
@@ -201,7 +201,7 @@ class _Fit:
 
 
 def _misfit(a: Array, b: Array, *, scaled: bool) -> float:
-    """Sum of squares that Umeyama's alignment leaves, from the covariances alone."""
+    """Return the sum of squares after Umeyama's alignment, computed from the covariances."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     u, d, vt = np.linalg.svd(a.T @ b)
     if np.linalg.det(u) * np.linalg.det(vt) < 0:
@@ -212,7 +212,7 @@ def _misfit(a: Array, b: Array, *, scaled: bool) -> float:
 
 
 def _lowest(cost: Callable[[int], float], start: int, length: int) -> int:
-    """Golden section search among the integers from `start` on."""
+    """Find a minimum by golden section search among the integers from `start` on."""
     ratio = (5**0.5 - 1) / 2
     low, high = 0.0, float(length)
     a, b = high - ratio * (high - low), low + ratio * (high - low)

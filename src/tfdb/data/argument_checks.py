@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def check_flag(name: str, value: Any) -> bool:
-    """Return the truth value of an argument. Raises InvalidArgument for texts, and without one."""
+    """Return a flag as a bool. Raises InvalidArgument for text and for values without a truth."""
     cause = None
-    if not isinstance(value, str):  # "no" is true
+    if not isinstance(value, str):  # "no" would be true
         try:
             return bool(value)
         except Exception as error:
@@ -35,7 +35,7 @@ def check_callable(role: str, function: object) -> None:
 
 
 def check_count(name: str, value: Any) -> int:
-    """Return a whole number above 0. Raises InvalidArgument for anything else."""
+    """Return an integer above 0. Raises InvalidArgument for anything else."""
     try:
         count = None if isinstance(value, bool) else index(value)
     except TypeError:
@@ -55,30 +55,30 @@ def check_name(name: str, value: Any) -> str:
 
 
 def check_word(name: str, value: Any, words: Collection[str], more: str = "") -> Any:
-    """Return one of a few words. Raises InvalidArgument for any other value, with the nearest."""
+    """Return one of the valid words. The InvalidArgument for another value names the nearest."""
     if not isinstance(value, str) or value not in words:
         refuse_word(name, value, words, more)
     return value
 
 
 def refuse_word(name: str, value: Any, words: Collection[str], more: str = "") -> NoReturn:
-    """Raise InvalidArgument: `name` must be one of some words; `more` is valid beside them."""
+    """Raise InvalidArgument: `name` must be one of the words; `more` names other valid values."""
     raise InvalidArgument(not_one_of(name, value, words, more), value=value)
 
 
 def not_one_of(name: str, value: Any, words: Collection[str], more: str = "") -> str:
-    """Word the error that `name` must be one of some words, with the nearest."""
+    """Return the text of the error that `name` must be one of the words, with the nearest."""
     valid = [*map(repr, words), *([more] if more else [])]
     return f"{name} must be {_alternatives(valid)}, got {shown(value)}{_question(value, words)}"
 
 
 def unknown_word(value: str, words: Collection[str]) -> str:
-    """Word as click does that a word is not one of some, with the nearest."""
+    """Return the text, as click words it, that a value is not a valid word, with the nearest."""
     return f"{value!r} is not one of {', '.join(map(repr, words))}{_question(value, words)}"
 
 
 def unknown_ending(path: str, endings: Collection[str]) -> str:
-    """Word the error for an unknown file extension, with the nearest."""
+    """Return the text of the error for an unknown file extension, with the nearest."""
     ending = PurePath(path).suffix
     return f"{path!r} must end in {_alternatives([*endings])}{_question(ending, endings)}"
 

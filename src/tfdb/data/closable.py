@@ -1,4 +1,4 @@
-"""The class Closable: `with` closes it."""
+"""The class Closable: a context manager that closes itself."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class _WithClose(Protocol):
 
 
 class Closable:
-    """Base of classes with `close()`: each is a context manager that closes itself at its end."""
+    """Base of classes with `close()`: a `with` block calls it at its end."""
 
     __slots__ = ()
 

@@ -17,23 +17,22 @@ UNITS: dict[Unit, tuple[int, str]] = {
     "us": (3, "microseconds"),
     "ns": (0, "nanoseconds"),
 }
-"""The power of ten that makes nanoseconds of each, and its name."""
+"""Per unit: the power of ten that converts it to nanoseconds, and its name."""
 
 _RFC3339 = re.compile(
     r"(\d{4})-(\d\d)-(\d\d)[Tt ](\d\d):(\d\d):(\d\d)(\.\d+)?(?:[Zz]|([+-])(\d\d):(\d\d))?",
     re.ASCII,
 )
 _EPOCH = date(1970, 1, 1).toordinal()
-# Every stamp has at most 19 digits of nanoseconds; 60 leave room for any digits behind them.
+# A stamp has at most 19 digits of nanoseconds; 60 leave room for digits below a nanosecond.
 _CONTEXT = Context(prec=60, rounding=ROUND_HALF_EVEN, Emin=-999_999, Emax=999_999, traps=[])
 
 
 def seconds_to_ns(text: str) -> int:
-    """Nanoseconds of a decimal number of seconds, such as ``12.5`` or ``1.25e1``.
+    """Convert a decimal number of seconds, such as ``12.5`` or ``1.25e1``, to nanoseconds.
 
-    Digits beyond the nanosecond, as programs that print floats leave them, are rounded to the
-    nearest one. Raises ``ValueError`` with a reason when the text is not a number, negative or
-    beyond the greatest stamp.
+    Digits below a nanosecond are rounded: programs that print floats write them. Raises
+    ``ValueError`` with a reason if the text is not a number, negative or beyond the greatest stamp.
     """
     whole, _, fraction = text.partition(".")
     digits = whole + fraction
@@ -43,7 +42,7 @@ def seconds_to_ns(text: str) -> int:
 
 
 def units_to_ns(text: str, unit: Unit) -> int:
-    """Nanoseconds of a decimal number of another unit; raises as `seconds_to_ns`."""
+    """Convert a decimal number of another unit to nanoseconds; raises as `seconds_to_ns`."""
     if unit == "s":
         return seconds_to_ns(text)
     if text.isascii() and text.isdecimal() and len(text) <= 20:
@@ -62,12 +61,12 @@ def _decimal_ns(text: str, unit: Unit) -> int:
 
 
 def is_whole(text: str) -> bool:
-    """Whether a text is a number without decimals."""
+    """Return whether a text is a number without decimals."""
     return text.isascii() and text.isdecimal()
 
 
 def whole_part(text: str) -> int | None:
-    """The number without its decimals; None if it is not a number, or has 40 digits."""
+    """Return the number without its decimals; None if it is not a number, or has 40 digits."""
     whole = text.partition(".")[0]
     if is_whole(whole) and len(whole) < 40 and "e" not in text and "E" not in text:
         return int(whole)
@@ -78,22 +77,22 @@ def whole_part(text: str) -> int | None:
 
 
 def integer_ns(text: str) -> int:
-    """Nanoseconds of a text of digits; ``ValueError`` with a reason for anything else."""
+    """Convert digits to nanoseconds; raises ``ValueError`` with a reason for other text."""
     if not (text.isascii() and text.isdecimal()) or len(text) > 40:
         raise ValueError(f"{text[:40]!r} is not an integer number of nanoseconds")
     return _checked(int(text), text)
 
 
 def parse_stamp(text: str) -> int:
-    """Nanoseconds of ``12.5`` (seconds) or ``12500000000ns``; ``ValueError`` for anything else."""
+    """Convert ``12.5`` (seconds) or ``12500000000ns`` to nanoseconds. Raises ``ValueError``."""
     return integer_ns(text[:-2]) if text.endswith("ns") else seconds_to_ns(text)
 
 
 def rfc3339_ns(text: str) -> int:
-    """Nanoseconds since 1970 of a time of RFC 3339, such as ``2023-11-14T22:13:20.020Z``.
+    """Convert a time of RFC 3339, such as ``2023-11-14T22:13:20.020Z``, to nanoseconds since 1970.
 
-    Digits beyond the nanosecond are rounded. The result is negative before 1970. Raises
-    ``ValueError`` with a reason for anything else.
+    Digits below a nanosecond are rounded. The result is negative before 1970. Raises
+    ``ValueError`` with a reason for other text.
     """
     found = _RFC3339.fullmatch(text)
     if found is None:
@@ -117,7 +116,7 @@ def _seconds_of(clock: time) -> int:
 
 
 def ns_to_seconds(stamp: int) -> str:
-    """Seconds with nine decimals, exact: ``12500000000`` gives ``12.500000000``."""
+    """Write nanoseconds as seconds with nine decimals, exactly: ``12.500000000``."""
     whole, rest = divmod(stamp, NS_PER_SECOND)
     return f"{whole}.{rest:09d}"
 

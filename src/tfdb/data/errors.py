@@ -82,7 +82,7 @@ CAUGHT = (
     "UnknownFrame",
     "WaitTimeout",
 )
-"""The errors that programs catch: `tfdb` offers them itself."""
+"""The errors that programs catch most: they are also attributes of `tfdb`."""
 
 
 class TfdbError(Exception):
@@ -164,7 +164,7 @@ class TfdbError(Exception):
 
 
 def _restore(cls: type[TfdbError], message: str, fields: dict[str, Any]) -> TfdbError:
-    """Make an unpickled error; the constructors of the classes differ, this one is for all."""
+    """Unpickle an error of any class, although their constructors differ."""
     error = cls.__new__(cls)
     TfdbError.__init__(error, message, **fields)
     return error
@@ -219,7 +219,7 @@ class NoSampleNear(TfdbError):
 
 
 class InvalidTransform(TfdbError, ValueError):
-    """Numbers that are not a rigid transform, or a frame that is its own parent.
+    """The numbers are not a rigid transform, or a frame is its own parent.
 
     Fields: edge, parent, reason, index. Also a lookup or computation whose result is not finite,
     for example the sum of translations near 1e308 m. Fields: target, source, stamp, index, reason
@@ -296,7 +296,7 @@ class WatchClosed(TfdbError):
 
 
 class RuleCycle(TfdbError):
-    """A chain of rules is longer than `max_depth`; the last one was not run. Fields: commit."""
+    """A chain of rules is longer than `max_depth`; its last rule was not run. Field: commit."""
 
 
 class CapacityExceeded(TfdbError):
@@ -329,8 +329,9 @@ class WrongThread(TfdbError):
 class Forked(TfdbError):
     """The fork happened while a thread of the parent process held a lock of the store.
 
-    That thread does not exist here, so its locks stay taken. The default engine can still read the
-    store; every engine can make a new `Buffer`. See "Forks" in docs/concurrency.md.
+    That thread does not exist in this process, so its locks are never released. The default engine
+    can still read the store; every engine can make a new `Buffer`. See "Forks" in
+    docs/concurrency.md.
     """
 
 
@@ -345,17 +346,17 @@ class FeedLapped(TfdbError):
 
 
 class Gone(TfdbError):
-    """Samples of a commit are no longer kept: take a snapshot's state and go on from its commit.
+    """Samples of a commit are no longer kept: take a snapshot's state and continue from its commit.
 
-    They were evicted, replaced, cleared or removed since. None is while a snapshot of the position
-    is held. Fields: edge (the child), commit.
+    They were evicted, replaced, cleared or removed. A held snapshot of the position prevents it.
+    Fields: edge (the child), commit.
     """
 
 
 class OutOfOrder(TfdbError):
-    """Commits of another store do not follow the position: apply those between, or a state.
+    """Commits of another store do not follow the position: apply the missing commits, or a state.
 
-    They come later, are of a later epoch, or hold other frames than those applied before.
+    They come later, are of a later epoch, or contain other frames than the applied commits.
 
     Fields: since (the commit before them), commit (the position).
     """
@@ -364,7 +365,7 @@ class OutOfOrder(TfdbError):
 class Fenced(TfdbError):
     """Commits of another store are of an epoch that has ended: a later one has been applied.
 
-    `Buffer.forget_source` is the way on for a source whose clock was set back.
+    If the clock of the source was set back, call `Buffer.forget_source`, then apply a state.
 
     Fields: since (the commit before them), commit (the position).
     """

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 def belong_to(package: str, contents: dict[str, Any], names: Iterable[str]) -> None:
-    """Offer classes and functions as the package's, where users find them.
+    """Set `__module__` of classes and functions to the package where users find them.
 
-    What a package above offers as well stays that one's. The error of a call that does not fit a
-    function's parameters has our words.
+    Names that a parent package also exports keep that package. Calls with wrong arguments raise
+    errors in tfdb's words.
     """
     for name in names:
         value = contents[name]
@@ -32,7 +32,7 @@ def belong_to(package: str, contents: dict[str, Any], names: Iterable[str]) -> N
 
 
 def _check_methods(cls: type) -> None:
-    """Do the same with the constructor and the public methods that a class of Python defines."""
+    """Do the same for the constructor and the public methods of a Python class."""
     if getattr(cls, "_is_protocol", False):
         return
     for name, value in list(vars(cls).items()):
@@ -53,10 +53,10 @@ def _checked(function: FunctionType) -> Any:
 def on_demand(
     package: str, modules: Mapping[str, Sequence[str]], needs: Mapping[str, str] = {}
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Make `__getattr__` and `__dir__` of a package out of its modules and what it takes of each.
+    """Make `__getattr__` and `__dir__` of a package from its modules and their exported names.
 
-    The modules themselves are attributes of it too. `dir` lists `__all__` and these modules. It
-    leaves out a module that needs a missing package, as `help` imports all that it lists.
+    The modules are attributes of the package as well. `dir` lists `__all__` and the modules, but
+    not those that need a missing package, because `help` imports each listed module.
     """
     contents = vars(sys.modules[package])
 

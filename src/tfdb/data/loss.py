@@ -9,9 +9,9 @@ from .counting import counted
 
 @dataclass(frozen=True)
 class Loss:
-    """What could not be saved of a damaged file: at least so many messages and bytes, and why.
+    """The loss of a damaged file: the least number of messages and bytes, and the reason.
 
-    Messages count on the topics of transforms, and where what is left of the file tells of them.
+    Only messages on topics with transforms count, if the rest of the file still lists them.
     """
 
     path: str

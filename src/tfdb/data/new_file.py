@@ -1,6 +1,6 @@
-"""Files that appear whole, under their name and nowhere else.
+"""Atomic writing of files: a file appears under its name when it is complete.
 
-Every writer of tfdb makes its files through `new_file`.
+All writers of tfdb use `new_file`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 EXISTS = "exists already; pass overwrite=True to replace it"
 
-# Where the file system knows no hard links.
+# Errors of file systems without hard links.
 _NO_LINKS = frozenset({errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL})
 
 
@@ -32,16 +32,15 @@ _NO_LINKS = frozenset({errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK
 def new_file(
     path: str | os.PathLike[str], *, overwrite: bool = False, refusal: Refusal = invalid
 ) -> Iterator[Path]:
-    """Give a path to write to; what lies there when the block ends takes the name `path`.
+    """Yield a path to write to; at the end of the block the file is renamed to `path`.
 
-    The file is written in a folder of its own beside the target, brought to the disk and then
-    renamed, all at once. When an exception ends the block, when the disk is full, or when the name
-    is taken meanwhile and `overwrite` is off, the name keeps what it had and nothing is left
-    behind. A symbolic link stays one: the file behind it is replaced.
+    The file is written in a temporary folder beside the target and synced to the disk before it is
+    renamed. An exception, a full disk, or a name that was taken in the meantime without `overwrite`
+    leaves the old file unchanged and no other file. A symbolic link stays: its target is replaced.
 
-    Raises what `refusal` makes of (path, reason) where the name is taken (a link to nowhere takes
-    it, too) and may not be replaced, or is that of a folder or a device. Raises OSError, with
-    `path` as its filename, where the file cannot be written.
+    Raises `refusal(path, reason)` if the name is taken and may not be replaced, or is that of a
+    folder or device; a broken link counts as taken. Raises OSError, with `path` as its filename, if
+    the file cannot be written.
     """
     path = check_path(path, refusal)
     refuse_existing(path, overwrite=overwrite, refusal=refusal)
@@ -64,14 +63,14 @@ def new_file(
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Raise OSError, with `path` as its filename, where `new_file` could not write it now."""
+    """Raise OSError, with `path` as its filename, if `new_file` could not write the file now."""
     work = _unused(path.absolute().parent, ".tfdb-")
     with _errors_name(path, work), _made(work):
         (work / path.name).touch()
 
 
 def temporary_folder() -> AbstractContextManager[Path]:
-    """Give a new folder for temporary files; the end of the block removes it and its files."""
+    """Yield a new temporary folder, which is removed with its files at the end of the block."""
     import tempfile  # noqa: PLC0415 - few recordings are unpacked
 
     return _made(_unused(Path(tempfile.gettempdir()), "tfdb-"))
@@ -85,8 +84,8 @@ def _unused(parent: Path, prefix: str) -> Path:
 def _made(work: Path) -> Iterator[Path]:
     """Make a folder, and remove it with its files at the end of the block.
 
-    Ctrl-C, or another signal that raises, leaves nothing behind at any instant: the removal is
-    under way before the folder is made, and begins again where a signal ends it.
+    A signal that raises, such as Ctrl-C, leaves nothing behind: the removal is prepared before the
+    folder is made, and repeated if a signal ends it.
     """
     try:
         try:
@@ -107,13 +106,13 @@ def refuse_existing(
         return
     if not check_flag("overwrite", overwrite):
         raise refusal(path, hint)
-    # A device or a pipe would be replaced by a file.
+    # The rename would replace a device or pipe by a file.
     if path.exists() and not stat.S_ISREG(path.stat().st_mode):
         raise refusal(path, "is not a regular file")
 
 
 def is_one_of(path: Path, inputs: Sequence[Path]) -> bool:
-    """Whether a file is one of the inputs, or lies in one that is a folder, by whatever name."""
+    """Return whether a file is one of the inputs or lies in one of them, also under other names."""
     if not path.exists():
         return False
     files = [file for each in inputs for file in (each, *(each.iterdir() if each.is_dir() else ()))]
@@ -122,7 +121,7 @@ def is_one_of(path: Path, inputs: Sequence[Path]) -> bool:
 
 @contextmanager
 def _errors_name(path: Path, folder: Path) -> Iterator[None]:
-    """Make errors about files in `folder` name the requested file."""
+    """Change errors about files in `folder` to name the requested file."""
     try:
         yield
     except OSError as error:
@@ -137,12 +136,12 @@ def _errors_name(path: Path, folder: Path) -> Iterator[None]:
 
 
 def bring_to_disk(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk."""
+    """Sync a file, or the names in a folder, to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        # Some file systems cannot do this for folders; the name is then as safe as they make it.
+        # Some file systems cannot sync folders.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP) or not path.is_dir():
             raise
     finally:
@@ -156,6 +155,6 @@ def take_name(made: Path, target: Path) -> None:
     except OSError as error:
         if error.errno not in _NO_LINKS:
             raise
-        # The process that makes the name owns it; then it is replaced by the file.
+        # Creating the name reserves it for this process; the rename then replaces it.
         os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
         made.replace(target)

@@ -1,6 +1,6 @@
-"""How objects show themselves in notebooks: small tables of HTML.
+"""HTML tables of tfdb's objects for notebooks.
 
-The records of `types` are `Any` here: that module uses this one.
+The records of `types` have the type `Any` here, because that module imports this one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__: list[str] = []
 
 
 def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Write a table; every text is escaped."""
+    """Return a table; every text is escaped."""
     lines = [f"<table><caption>{escape(caption)}</caption>"]
     if head:
         lines.append("<thead><tr>" + _cells("th", head) + "</tr></thead>")
@@ -42,15 +42,15 @@ def _cells(tag: str, texts: Iterable[object]) -> str:
 
 
 MOST_ROWS = 60
-"""A table of more frames is cut."""
+"""Largest number of frames in a table."""
 
 
 def of_store(reads: StoreReader) -> str:
-    """Show the frames of a store, as they are in its newest tree."""
+    """Show the frames of a store in its newest tree."""
     caption = repr(reads)
     try:
         infos = reads.tree()
-    except TfdbError:  # closed, say
+    except TfdbError:  # the store may be closed
         return table(caption, (), ())
     rows: list[tuple[object, ...]] = [_frame_row(info) for info in infos[:MOST_ROWS]]
     if len(infos) > MOST_ROWS:
@@ -98,7 +98,7 @@ _DOTS = "\N{VERTICAL ELLIPSIS}"
 
 
 def _ends(rows: int) -> list[int | None]:
-    """The first and the last of many rows, and None for those between."""
+    """Return the first and the last rows; of many, None stands for those between."""
     return list(range(rows)) if rows <= 10 else [*range(5), None, *range(rows - 5, rows)]
 
 
@@ -136,7 +136,7 @@ def of_columns(columns: Any) -> str:
 def _stamp_text(stamp: Any) -> str:
     try:
         return format_seconds(to_nanoseconds(stamp)).removesuffix(" s")
-    except (TypeError, TfdbError):  # a column is judged where it is stored
+    except (TypeError, TfdbError):  # the store checks the column later
         return str(stamp)
 
 

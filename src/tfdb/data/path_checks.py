@@ -26,8 +26,8 @@ def invalid(path: Path, reason: str) -> Exception:
 def check_path(path: Any, refusal: Refusal = invalid) -> Path:
     """Return the path of a file.
 
-    Raises InvalidArgument for what is not a path and for the empty one, which would be the current
-    folder; what `refusal` makes of (path, reason) for a name that no file can have.
+    Raises InvalidArgument for other types and for an empty path, which would mean the current
+    folder. Raises `refusal(path, reason)` for a name that no file can have.
     """
     if isinstance(path, os.PathLike):
         path = os.fspath(path)
@@ -43,7 +43,7 @@ def check_path(path: Any, refusal: Refusal = invalid) -> Path:
         if b"\0" not in os.fsencode(path):
             return made
     except UnicodeEncodeError:
-        pass  # nor can the system write it
+        pass  # the system could not write it either
     raise refusal(made, NO_NAME)
 
 
@@ -54,7 +54,7 @@ def check_paths(paths: Any, refusal: Refusal = invalid) -> list[Path]:
 
 
 def missing_file(path: Path) -> FileNotFoundError:
-    """Make the error of a file that does not exist; it names the nearest that does."""
+    """Make the error of a file that does not exist; it suggests the most similar name."""
     folder = path.parent
     missing = first_missing(path)
     if missing != path:
@@ -78,7 +78,7 @@ def first_missing(path: Path) -> Path:
 
 @contextmanager
 def errors_name(path: Path) -> Iterator[None]:
-    """Let an OSError that names no file name this one, and a file that is missing the nearest."""
+    """Add the path to an OSError without one; for a missing file also the most similar name."""
     try:
         yield
     except FileNotFoundError as error:

@@ -66,7 +66,7 @@ class _Limited(Policy):
 
 
 def _restore(cls: type[_Limited], kind: str, limit_ns: int | None) -> _Limited:
-    """Make an unpickled policy; the constructors of the classes differ, this one is for all."""
+    """Unpickle a policy of any class, although their constructors differ."""
     policy = cls.__new__(cls)
     Policy.__init__(policy, kind, limit_ns)
     return policy
@@ -92,7 +92,7 @@ class Interpolate(_Limited):
 
 
 class Exact(_Limited):
-    """A stored stamp only; raises NoSampleNear for others."""
+    """Only stored stamps; raises NoSampleNear for others."""
 
     __slots__ = ()
 
@@ -119,7 +119,10 @@ class Previous(_Limited):
 
 
 class Nearest(_Limited):
-    """The closest sample, the earlier of two; raises NoSampleNear beyond `tolerance`."""
+    """The closest sample, of two equally close ones the earlier.
+
+    Raises NoSampleNear if it is further away than `tolerance`.
+    """
 
     __slots__ = ()
     _limit_name = "tolerance"

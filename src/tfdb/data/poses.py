@@ -1,6 +1,7 @@
-"""Arrays of poses, rows x y z qx qy qz qw: what `core/tfdb/geometry/pose.hpp` computes for one.
+"""Arrays of poses, rows x y z qx qy qz qw: `core/tfdb/geometry/pose.hpp` for many poses.
 
-The same operations in the same order give the same bits. One pose (7,) goes with many (N, 7).
+The operations have the same order as there, so the results are equal bit for bit. One pose (7,) may
+be combined with many (N, 7).
 """
 
 from __future__ import annotations
@@ -18,18 +19,18 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 MAX_NORM_ERROR = 0.01
-"""Of a quaternion's squared length: tf2's rule, and that of the store. Nearer to 1 is rounding."""
+"""Allowed error of a quaternion's squared length: the rule of tf2 and of the store."""
 ROUNDING = 1e-12
-"""So far from unit length may be what is made of unit quaternions: it stays as it is."""
+"""Rounding error of the length of a product of unit quaternions: such a result stays unchanged."""
 TOO_FAR = 1e100
-"""Metres from which on lengths are not compared and drawn: their squares leave float64."""
+"""Metres: greater lengths are not compared or drawn, because their squares exceed float64."""
 
 
 def doubles(values: Any) -> Array:
-    """Any array of real numbers as float64, C-contiguous; NaN where a mask hides them.
+    """Convert an array of real numbers to float64, C-contiguous; masked values become NaN.
 
-    The extension calls it. Raises TypeError, ValueError for anything else, such as text, times and
-    complex numbers, of which numpy would take the real part.
+    The extension calls it. Raises TypeError or ValueError for anything else, such as text, times
+    and complex numbers, of which numpy would take the real part.
     """
     import numpy as np
 
@@ -46,21 +47,21 @@ def doubles(values: Any) -> Array:
 
 
 def found(poses: Array) -> npt.NDArray[np.bool_]:
-    """Whether all numbers of each row are finite."""
+    """Return for each row whether all its numbers are finite."""
     import numpy as np
 
     return np.asarray(np.isfinite(poses).all(axis=1))
 
 
 def missing(poses: Array) -> npt.NDArray[np.bool_]:
-    """Whether each row is NaN as a whole, which means a missing pose."""
+    """Return for each row whether it is NaN as a whole, which means a missing pose."""
     import numpy as np
 
     return np.asarray(np.isnan(poses).all(axis=1))
 
 
 def checked(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Poses (N, 7), copied, each a rigid transform or missing."""
+    """Copy poses (N, 7); each must be a rigid transform or missing."""
     import numpy as np
 
     made = np.array(rows, order="C")
@@ -81,7 +82,7 @@ def checked(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 def normalised(poses: Array) -> Array:
-    """Unit quaternions; those that are it up to rounding stay bit for bit, for round trips."""
+    """Normalise quaternions; those of unit length up to rounding stay unchanged, bit for bit."""
     import numpy as np
 
     norms = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
@@ -93,7 +94,7 @@ def normalised(poses: Array) -> Array:
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """Turn by the quaternions b first, then by a."""
+    """Multiply quaternions: rotate by b, then by a."""
     import numpy as np
 
     ax, ay, az, aw = (a[..., i] for i in range(4))
@@ -110,7 +111,7 @@ def multiply(a: Array, b: Array) -> Array:
 
 
 def conjugate(q: Array) -> Array:
-    """Turn back."""
+    """Return the inverse rotation of unit quaternions."""
     import numpy as np
 
     back: Array = q * np.array([-1.0, -1.0, -1.0, 1.0])
@@ -118,7 +119,7 @@ def conjugate(q: Array) -> Array:
 
 
 def rotate(q: Array, v: Array) -> Array:
-    """Turn points by quaternions."""
+    """Rotate points by quaternions."""
     import numpy as np
 
     qx, qy, qz, qw = (q[..., i] for i in range(4))
@@ -188,7 +189,7 @@ def rpy(q: Array) -> Array:
 
     m = rotation_matrices(q)
     across = np.hypot(m[:, 0, 0], m[:, 1, 0])
-    locked = across < 1e-9  # roll and yaw turn about one axis: all of it is yaw
+    locked = across < 1e-9  # roll and yaw share one axis: roll is 0
     roll = np.arctan2(m[:, 2, 1], m[:, 2, 2])
     yaw = np.arctan2(m[:, 1, 0], m[:, 0, 0])
     alone = np.arctan2(0.0 - m[:, 0, 1], m[:, 1, 1])
@@ -201,7 +202,7 @@ def rpy(q: Array) -> Array:
 
 
 def rotation_vectors(first: Array, last: Array) -> Array:
-    """Axis times angle of the turn from one rotation to the other, in the axes of both."""
+    """Return axis times angle of the rotation from one to the other, in the axes of both."""
     import numpy as np
 
     turn = multiply(last, conjugate(first))

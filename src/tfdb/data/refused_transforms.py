@@ -20,7 +20,7 @@ class Refused:
     message: str
     """The error's message."""
     reason: str
-    """The same, in a few words where they suffice."""
+    """A short form of the message, if there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +28,9 @@ class Refusal:
     """Transforms that were refused with one error."""
 
     count: int
-    """How many transforms; how many messages where the error concerns a message as a whole."""
+    """Number of transforms; of messages if the error concerns a message as a whole."""
     index: int
-    """Position of the first message with one."""
+    """Position of the first message with a refused transform."""
     first: str
     """The error message of the first."""
 
@@ -44,7 +44,7 @@ class RefusedEdge:
     error: str
     """Name of the error class, such as `InvalidTransform`."""
     count: int
-    """How many transforms; how many messages if `is_message`."""
+    """Number of transforms; of messages if `is_message`."""
     first: str
     """The error message of the first."""
     is_message: bool = False

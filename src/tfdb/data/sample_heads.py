@@ -1,4 +1,4 @@
-"""The head of commits and states as bytes: docs/wire.md."""
+"""The head of encoded commits and states: docs/wire.md."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ if TYPE_CHECKING:
 
 
 def numbers_of(sample: bytes) -> tuple[int, int]:
-    """Return after which commit the bytes of commits go on, and their last one.
+    """Return the commit before encoded commits, and their last commit.
 
-    Of a state both are its commit. Raises ValueError or IndexError for bytes without them.
+    For a state both are its commit. Raises ValueError or IndexError for invalid bytes.
     """
     varints = _varints(sample, 36)
     since = next(varints)
@@ -19,7 +19,7 @@ def numbers_of(sample: bytes) -> tuple[int, int]:
 
 
 def epoch_of(sample: bytes) -> bytes:
-    """Return the epoch of a sample's store, as the sample has it."""
+    """Return the encoded epoch in the bytes of commits or a state."""
     return sample[8:32]
 
 

@@ -48,7 +48,7 @@ FOREIGN = {
     "translation": ("position", "xyz", "trans", "t"),
     "wxyz": ("quaternion_wxyz", "quat_wxyz"),
 }
-"""Names of arguments elsewhere, mainly in tf2, by our names."""
+"""Names of the arguments in other libraries, mainly tf2, and tfdb's names for them."""
 
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "bool": ("a bool", lambda value: isinstance(value, bool)),
@@ -61,7 +61,7 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 
 
 def signature_of(written: str) -> inspect.Signature:
-    """Read a signature as the bindings spell it."""
+    """Parse a signature in the form that the bindings write."""
     code = compile(f"{written}: ...", "<tfdb>", "exec", __future__.annotations.compiler_flag)
     made: dict[str, Any] = {}
     exec(code, {}, made)  # noqa: S102 - our own text
@@ -72,7 +72,7 @@ def signature_of(written: str) -> inspect.Signature:
 def describe_misfit(
     function: str, parameters: Sequence[inspect.Parameter], count: int, keywords: Sequence[str]
 ) -> str | None:
-    """Describe why a call does not match the parameters; None: it does."""
+    """Describe why a call does not match the parameters; None if it matches."""
     placed = [each for each in parameters if each.kind in _BY_PLACE]
     named = {each.name: each for each in parameters if each.kind in _BY_NAME}
     kinds = {each.kind for each in parameters}
@@ -101,7 +101,7 @@ def describe_misfit(
 
 
 def _suggested(name: str, known: dict[str, inspect.Parameter]) -> str:
-    """Name the nearest argument, or all of them."""
+    """Suggest the nearest argument, or list all."""
     meant = [ours for ours in known if name.casefold() in FOREIGN.get(ours, ())]
     near = near_names(name, known, most=1, cutoff=0.6)
     for each in meant[:1] or near:
@@ -123,7 +123,7 @@ def _too_many(function: str, parameters: Sequence[inspect.Parameter], most: int,
 def refusal(
     function: str, names: Sequence[str], required: int, positional: int, given: tuple[int, Any]
 ) -> str:
-    """Describe why a call of the extension does not match; `given`: count and keywords."""
+    """Describe why a call of an extension function does not match; `given`: count and keywords."""
     parameters = [
         inspect.Parameter(
             name,
@@ -136,9 +136,9 @@ def refusal(
 
 
 def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: str) -> str | None:
-    """Describe why a call does not match a function; None: it does, and `said` came from within.
+    """Describe why a call does not match a function; None if `said` came from within the function.
 
-    `args` are those by place, then those by name; the names are in `keywords`.
+    `args` are the positional values, then those by name; `keywords` has the names.
     """
     signature = read_signature(made)
     count = len(args) - len(keywords)
@@ -154,11 +154,11 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
             got = f", got {type(subject).__name__}" if count else ""
             return f"{name}() is a method: call it on {_receivers(owner, name)}{got}"
         if name in ("__init__", "__new__"):
-            name = kinds.__name__  # of a subclass, say
+            name = kinds.__name__  # such as a subclass
         parameters, args, count = parameters[1:], args[1:], count - 1
     refused = "incompatible function arguments" in said
     if made.__name__ == "__init__" and hasattr(made, "__nb_signature__") and not refused:
-        return None  # it reads its arguments itself
+        return None  # the function parses its arguments itself
     text = describe_misfit(name, parameters, count, keywords)
     if text is not None or not refused:
         return text
@@ -174,7 +174,7 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
 
 
 def _receivers(owner: str, method: str) -> str:
-    """Name the classes that have a method, in words."""
+    """Name the classes that have a method."""
     if owner in ("Freezable", "StoreReader", "SharedReads"):
         shared = hasattr(Transaction, method)
         return "a Buffer, a Snapshot or a Transaction" if shared else "a Buffer or a Snapshot"
@@ -182,7 +182,7 @@ def _receivers(owner: str, method: str) -> str:
 
 
 def _wanted(annotation: str, value: Any) -> str:
-    """Name the types of an annotation of plain types that `value` does not have; else empty."""
+    """Name the plain types of an annotation if `value` has none of them; otherwise empty."""
     literal = annotation.removeprefix("typing.")
     if literal.startswith("Literal[") and not isinstance(value, str):
         return " or ".join(literal[8:-1].split(", "))

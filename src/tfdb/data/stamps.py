@@ -80,13 +80,13 @@ StampsLike: TypeAlias = (
 )
 """Accepted by every parameter that is an array of stamps."""
 
-# 19 digits hold every stamp; the rest is for digits behind the nanosecond, which are rounded off.
+# A stamp has at most 19 digits; the others are below a nanosecond and rounded off.
 _CONTEXT = Context(prec=60, rounding=ROUND_HALF_EVEN)
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """A decimal number."""
 DATE = re.compile(r"\d{4}-", re.ASCII)
-"""How a date begins."""
+"""Matches the beginning of a date."""
 _FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)", re.DOTALL | re.ASCII)
 
 
@@ -103,8 +103,8 @@ def stamp(seconds: Any) -> Any:
     ----------
     seconds
         A number of seconds >= 0. A str (`"12.5"`) or a Decimal is exact to the nanosecond. A float
-        is read as the decimal number that it prints as, so `stamp(0.1)` is 100_000_000; present-day
-        floats are accurate to about 100 ns. Also an ISO 8601 date with a time zone
+        means the decimal number that Python prints for it, so `stamp(0.1)` is 100_000_000; floats
+        of the present date are accurate to about 100 ns. Also an ISO 8601 date with a time zone
         (`"2026-05-17T12:00:00.25Z"`), or an object that is a stamp, such as a `datetime` with a
         time zone. Also an array, list or Series of these.
 
@@ -134,7 +134,7 @@ def _stamp(seconds: Any) -> int:
         import numpy as np
 
         if isinstance(seconds, np.ndarray):
-            seconds = seconds[()]  # it has no dimensions
+            seconds = seconds[()]  # an array without dimensions
         if isinstance(seconds, np.bool_):
             seconds = bool(seconds)
         if not isinstance(seconds, str | int | float | Decimal | np.number):
@@ -180,7 +180,7 @@ def _each(convert: Callable[[Any], int], items: Iterable[Any]) -> npt.NDArray[np
 
 
 def _date(text: str) -> int:
-    """Nanoseconds of a date in ISO 8601, all digits of its seconds counted."""
+    """Convert an ISO 8601 date to nanoseconds; all digits of its seconds count."""
     match = _FRACTION.fullmatch(text.strip())
     whole, digits, zone = match.groups() if match else (text.strip(), "", "")
     try:
@@ -203,8 +203,11 @@ def _date(text: str) -> int:
 
 
 def from_datetime(time: datetime) -> int:
-    """Nanoseconds of a datetime with a time zone. The extension calls it; raises InvalidStamp."""
-    if hasattr(time, "to_datetime64"):  # of pandas, where no time zone means UTC
+    """Convert a datetime with a time zone to nanoseconds. The extension calls it.
+
+    Raises InvalidStamp.
+    """
+    if hasattr(time, "to_datetime64"):  # of pandas, where a missing time zone means UTC
         return to_nanoseconds(time.to_datetime64())
     if time.utcoffset() is None:
         raise InvalidStamp(
@@ -229,20 +232,20 @@ def _since_epoch(time: datetime) -> int:
 
 
 def _as_array(values: Any) -> npt.NDArray[Any]:
-    """Return any array or Series as numpy's; times with a zone as those of UTC."""
+    """Convert any array or Series to numpy; times with a zone are converted to UTC."""
     import numpy as np
 
     dtype: Any = getattr(values, "dtype", None)
-    if hasattr(dtype, "tz"):  # pandas would give an object for each
+    if hasattr(dtype, "tz"):  # pandas would return an array of objects
         return np.asarray(values, f"datetime64[{dtype.unit}]")
     array = np.asarray(values)
     if array.dtype.kind == "f" and getattr(dtype, "kind", "f") in "iu":
-        return np.asarray(values, object)  # integers, some of them missing
+        return np.asarray(values, object)  # integers with missing values
     return array
 
 
 def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
-    """Stamps (N,) of an array that is not int64 by itself. The extension calls it.
+    """Convert an array that is not int64 to stamps (N,). The extension calls it.
 
     Raises InvalidArray, and InvalidStamp with `index`.
     """
@@ -265,7 +268,7 @@ def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
     if kind == "O":
         return _each(to_nanoseconds, array)
     if kind == "M":
-        # numpy wraps around silently where a date does not fit into 64 bits of nanoseconds.
+        # numpy wraps around silently if a date exceeds 64 bits of nanoseconds.
         fine = array.astype("datetime64[ns]")
         made, wrong = fine.view(np.int64), fine.astype(array.dtype) != array
         wrong |= np.isnat(fine)
@@ -278,7 +281,7 @@ def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
 
 
 def increasing_stamps(stamps: Any) -> npt.NDArray[np.int64]:
-    """Stamps (N,) that increase, copied; raises InvalidArray, InvalidStamp."""
+    """Copy stamps (N,), which must increase; raises InvalidArray, InvalidStamp."""
     import numpy as np
 
     try:
@@ -299,7 +302,7 @@ def increasing_stamps(stamps: Any) -> npt.NDArray[np.int64]:
 
 
 def check_increasing(stamps: npt.NDArray[np.int64]) -> None:
-    """Raise InvalidArray, with `index`, unless each is greater than the one before."""
+    """Raise InvalidArray, with `index`, unless each stamp is greater than the previous one."""
     import numpy as np
 
     falling = np.flatnonzero(np.diff(stamps) <= 0)
@@ -322,7 +325,7 @@ def format_seconds(nanoseconds: int) -> str:
 
 
 def shown(value: object) -> str:
-    """Write any argument in a message; Python refuses to write integers of thousands of digits."""
+    """Return an argument as text for a message; Python cannot print integers of 5,000 digits."""
     if isinstance(value, int) and value.bit_length() > 1000:
         return f"an integer of {value.bit_length()} bits"
     text = repr(value)

@@ -1,6 +1,6 @@
-"""Times as arguments: a stamp, or text, which may be an offset in a range of stamps.
+"""Times as arguments: stamps, or text, which may be an offset in a range of stamps.
 
-`load`, `trajectory`, `crop` and the command line read them here.
+`load`, `trajectory`, `crop` and the command line use it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _ZONE = re.compile(r"([Zz]|[+-]\d\d(:?\d\d)?)", re.ASCII)
 
 @dataclass(frozen=True)
 class Time:
-    """A stamp, or an offset: since the first moving stamp (`since` 1) or to the last (-1)."""
+    """A stamp, or an offset from the first moving stamp (`since` 1) or back from the last (-1)."""
 
     text: str
     ns: int
@@ -42,7 +42,7 @@ class Time:
         return self.text if self.since else f"{self.ns}ns"
 
     def resolve(self, found: tuple[int, int] | None) -> int:
-        """The stamp, where moving stamps run over `found`."""
+        """Return the stamp; `found` has the first and last moving stamp."""
         if not self.since:
             return self.ns
         if found is None:
@@ -54,7 +54,7 @@ class Time:
         return found[0] + self.ns if self.since > 0 else found[1] - self.ns
 
     def stamp(self, found: tuple[int, int] | None) -> int:
-        """The same; raises InvalidStamp where an offset leads before time 0."""
+        """Return the stamp; raises InvalidStamp if an offset leads before time 0."""
         stamp = self.resolve(found)
         if stamp < 0 and found is not None:
             raise InvalidStamp(
@@ -65,7 +65,7 @@ class Time:
         return stamp
 
     def may_be_offset(self, found: tuple[int, int] | None) -> bool:
-        """Whether an absolute time lies far before `found`, and within its length of 0."""
+        """Return whether a time is far before `found`, and not greater than its length."""
         if self.since or found is None:
             return False
         length = found[1] - found[0]
@@ -84,7 +84,7 @@ def read_time(text: str) -> Time:
 
 
 def read_offset(text: str) -> int:
-    """Nanoseconds of a length with or without a sign. Raises ValueError with a reason."""
+    """Convert a signed duration to nanoseconds. Raises ValueError with a reason."""
     try:
         size = read_length(text[1:] if text.startswith(("+", "-")) else text)
     except ValueError:
@@ -94,12 +94,12 @@ def read_offset(text: str) -> int:
 
 
 def read_length(text: str) -> int:
-    """Nanoseconds of `10`, `10s` or `500ns`. Raises ValueError with a reason."""
+    """Convert `10`, `10s` or `500ns` to nanoseconds. Raises ValueError with a reason."""
     return read_unsigned(_UNIT.sub("", text))
 
 
 def read_unsigned(text: str) -> int:
-    """Nanoseconds of `10` (seconds) or `500ns`. Raises ValueError with a reason."""
+    """Convert `10` (seconds) or `500ns` to nanoseconds. Raises ValueError with a reason."""
     if text.startswith(("+", "-")):
         why = "is negative" if text.startswith("-") else "has a sign too many"
         raise ValueError(f"{text[:40]!r} {why}")
@@ -107,7 +107,7 @@ def read_unsigned(text: str) -> int:
 
 
 def _date_ns(text: str) -> int:
-    """Nanoseconds of a date, in UTC where it has no time zone."""
+    """Convert a date to nanoseconds; without a time zone it is in UTC."""
     date = text.removesuffix("UTC").rstrip()
     day, time = date[:10], date[11:]
     zone = "" if _ZONE.search(time) else "Z"
@@ -129,6 +129,6 @@ def time_of(name: str, given: StampLike | str | None) -> Time | None:
 def stamp_of(
     name: str, given: StampLike | str | None, span: Callable[[], tuple[int, int] | None]
 ) -> int | None:
-    """Return the stamp given as the argument `name`; `span()` is the range that offsets are of."""
+    """Return the stamp of the argument `name`; `span()` returns the range for offsets."""
     time = time_of(name, given)
     return None if time is None else time.stamp(span() if time.since else None)

@@ -1,4 +1,4 @@
-"""Times in words: seconds, dates and durations as people read them."""
+"""Times as text for people: seconds, dates and durations."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from .decimal_time import NS_PER_SECOND as NS
 from .decimal_time import ns_to_seconds
 
 _EPOCH_NS = 946_684_800 * NS
-"""The year 2000; earlier stamps are not of a calendar clock."""
+"""The year 2000: earlier stamps are not dates."""
 
 
 def format_ns(ns: int) -> str:
-    """Seconds with nine decimals, exact: ``12.500000000``; a sign where negative."""
+    """Write nanoseconds as seconds with nine decimals, exactly; they may be negative."""
     return f"-{ns_to_seconds(-ns)}" if ns < 0 else ns_to_seconds(ns)
 
 
 def format_date(ns: int, *, day: bool = True) -> str:
-    """UTC of a stamp that is a time since 1970, to a millisecond; empty for another clock's.
+    """Write a stamp as a date in UTC, to a millisecond; empty if it is not a date.
 
-    `day` off: the time of the day alone.
+    Without `day`, only the time of day.
     """
     if ns < _EPOCH_NS:
         return ""
@@ -30,13 +30,13 @@ def format_date(ns: int, *, day: bool = True) -> str:
 
 
 def format_when(ns: int) -> str:
-    """Seconds, and the date in UTC of a calendar clock: ``12.500000000``."""
+    """Write a stamp in seconds, with its date in UTC if it is one."""
     date = format_date(ns)
     return f"{format_ns(ns)} ({date} UTC)" if date else format_ns(ns)
 
 
 def format_dates(first: int, last: int) -> str:
-    """Dates of a span; empty where one is none."""
+    """Write a span as dates; empty if an end is not a date."""
     start, end = format_date(first), format_date(last)
     if not start or not end:
         return ""
@@ -45,7 +45,7 @@ def format_dates(first: int, last: int) -> str:
 
 
 def format_duration(ns: int) -> str:
-    """Write a length of time for people: ``33.4 ms``, ``1.25 s``, ``2 min 3 s``."""
+    """Write a duration: ``33.4 ms``, ``1.25 s``, ``2 min 3 s``."""
     size = abs(ns)
     sign = "-" if ns < 0 else ""
     for limit, unit, scale in ((1_000, "ns", 1), (1_000_000, "us", 1_000), (NS, "ms", 1_000_000)):

@@ -114,7 +114,7 @@ class Posed(Protocol):
 
 
 Numbers: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any] | np.integer[Any]]"
-"""Numbers in a row."""
+"""A sequence or array of numbers."""
 
 VectorLike: TypeAlias = "Numbers | Xyz"
 """Three numbers x, y, z in metres."""
@@ -131,7 +131,7 @@ PoseLike: TypeAlias = "Sequence[Sequence[float]] | Numbers | Posed"
 ListsOrIntegers: TypeAlias = (
     "Sequence[Sequence[float]] | Sequence[float] | npt.NDArray[np.integer[Any]]"
 )
-"""Numbers of which float64 is made."""
+"""Numbers that convert to float64."""
 
 BytesLike: TypeAlias = bytes | bytearray | memoryview
 """Bytes of a message."""
@@ -146,7 +146,7 @@ Topics: TypeAlias = "str | Iterable[str] | Mapping[str, str]"
 """Topics to read; a mapping renames them."""
 
 PoseTopics: TypeAlias = "str | Iterable[str] | Mapping[str, str | None]"
-"""Topics of poses to read; a mapping names the frame that each moves."""
+"""Topics of poses to read; a mapping names the child frame of each topic."""
 
 Progress: TypeAlias = "Callable[[int, int], None]"
 """Called with (done, total) while a recording loads."""
@@ -154,7 +154,7 @@ Progress: TypeAlias = "Callable[[int, int], None]"
 Concurrency: TypeAlias = Literal[
     "snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"
 ]
-"""How lookups, writes and transactions that run at once are kept apart: see `Buffer`."""
+"""How the store isolates concurrent lookups, writes and transactions: see `Buffer`."""
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -169,7 +169,7 @@ class TransformStamped:  # noqa: PLW1641 - dataclass makes __hash__
     Raises
     ------
     InvalidArray, InvalidTransform, InvalidArgument
-        Of a whole pose, `rpy` or `wxyz`. All else is judged where it is stored.
+        A whole pose, `rpy` or `wxyz` is invalid. The other arguments are checked when it is stored.
     """
 
     parent: str
@@ -179,9 +179,9 @@ class TransformStamped:  # noqa: PLW1641 - dataclass makes __hash__
     stamp: StampLike
     """Nanoseconds, or an object that holds a stamp."""
     translation: VectorLike
-    """Metres, x y z: a sequence, an array, or an object with x, y, z; of a whole pose a tuple."""
+    """Metres, x y z: a sequence, an array, or an object with x, y, z; a tuple if made of a pose."""
     rotation: QuaternionLike
-    """Unit quaternion, x y z w, likewise."""
+    """Unit quaternion, x y z w: a sequence, an array, or an object with x, y, z, w."""
 
     def __init__(
         self,
@@ -204,7 +204,7 @@ class TransformStamped:  # noqa: PLW1641 - dataclass makes __hash__
             object.__setattr__(self, name, value)
 
     def __eq__(self, other: object) -> bool:
-        """Whether all fields are equal; arrays are where all their numbers are."""
+        """Compare all fields; arrays are equal if all their numbers are."""
         if type(other) is not TransformStamped:
             return NotImplemented
         return all(
@@ -276,18 +276,18 @@ class Columns:
     poses
         (N, 7) float64: x y z in metres, unit quaternion x y z w.
     translations, rotations
-        Instead of `poses`: (N, 3), and (N, 4) or a Rotation of scipy that holds N.
+        In place of `poses`: (N, 3), and (N, 4) or a scipy Rotation of length N.
     matrices
-        Instead of `poses`: homogeneous matrices (N, 4, 4).
+        In place of `poses`: homogeneous matrices (N, 4, 4).
 
     Raises
     ------
     InvalidArray
-        None of these or more than one, or a shape that is not as above.
+        Not exactly one of these forms is given, or a shape is wrong.
     InvalidTransform
-        A matrix is not a rigid transform; the error has its `index` and says by how much.
+        A matrix is not a rigid transform; the error has its `index` and the size of the error.
     InvalidArgument
-        A Trajectory, or a Transform among the poses, of other frames.
+        A Trajectory, or a Transform among the poses, is between other frames.
     """
 
     __slots__ = ("children", "parents", "poses", "stamps")
@@ -311,7 +311,7 @@ class Columns:
             refuse_without(given, name, "a name, or N names", "__iter__")
         self.parents = parents
         self.children = children
-        # What can be read only once is kept.
+        # An iterator can be read only once.
         self.stamps = list(stamps) if isinstance(stamps, Iterator) else stamps
         if matrices is not None:
             if not (poses is None and translations is None and rotations is None):
@@ -347,7 +347,7 @@ class Columns:
 
 
 def _refuse_other_frames(poses: Any, target: object, source: object) -> None:
-    """A Transform or a Trajectory goes between its own frames only: it may be the inverse."""
+    """Refuse a Transform or Trajectory between other frames: it may be the inverse."""
     rows = poses if isinstance(poses, list | tuple) else [poses]
     if not (rows and isinstance(target, str) and isinstance(source, str)):
         return
@@ -398,7 +398,7 @@ class Changes:
     stored_static: Columns
     """The stored static transforms T[parent<-child]."""
     authorities: tuple[str, ...]
-    """The writer of each row of `stored`, then of each row of `stored_static`."""
+    """The writer of each row of `stored`, followed by those of `stored_static`."""
     made: tuple[str, ...]
     """New frames."""
     moved: tuple[str, ...]
@@ -438,11 +438,11 @@ class Sample(NamedTuple):
     transform: Transform
     """T[parent<-child]: its `target` is the parent, its `source` the child."""
     stamp: int | None
-    """Nanoseconds; None of a static transform."""
+    """Nanoseconds; None for a static transform."""
     commit: int
-    """The commit that stored it; of what was held before, the commit of that state."""
+    """The commit that stored it; with `since="held"`, the first samples have their state's."""
     authority: str
-    """Its writer; of what was held before, the last writer of the edge."""
+    """Its writer; with `since="held"`, the first samples have the edge's last writer."""
 
 
 class Batch(NamedTuple):
@@ -453,19 +453,19 @@ class Batch(NamedTuple):
     stored_static: Columns
     """The static transforms T[parent<-child]."""
     commits: npt.NDArray[np.int64]
-    """The commit of each row of `stored`, then of each row of `stored_static`."""
+    """The commit of each row of `stored`, followed by those of `stored_static`."""
     authorities: tuple[str, ...]
     """The writer of each row, in the same order."""
 
 
 @dataclass(frozen=True, order=True, slots=True)
 class Epoch:
-    """One life of a store, in which its commits are numbered. Of two the greater is the later."""
+    """The lifetime of a store, in which its commits are numbered. A later epoch is greater."""
 
     number: int
     """Nanoseconds since 1970 when the store was made."""
     id: bytes
-    """16 random bytes, which tell two stores with the same number apart."""
+    """16 random bytes, which distinguish stores with the same number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -483,12 +483,12 @@ class Position:
 
 
 class Touched(NamedTuple):
-    """A commit that touched what is watched, from `Watch.next`."""
+    """A commit that touched a watched frame or pair, from `Watch.next`."""
 
     commit: int
     """Number of the commit."""
     what: tuple[str | tuple[str, str], ...]
-    """What it touched of the watch: names of frames, then pairs (target, source)."""
+    """The watched items that it touched: names of frames, then pairs (target, source)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -517,7 +517,7 @@ class FrameInfo:
     longest_gap: int = 0
     """Longest time between two neighbouring samples, nanoseconds."""
     cleared: bool = False
-    """Whether `clear` dropped its samples and no sample came since."""
+    """Whether `clear` dropped its samples and no sample followed."""
 
     def _repr_html_(self) -> str:
         """Write a table for notebooks."""
@@ -554,7 +554,7 @@ class TreeColumns:
     longest_gap: npt.NDArray[np.int64]
     """Longest time between two neighbouring samples, nanoseconds."""
     cleared: npt.NDArray[np.bool_]
-    """Whether `clear` dropped the frame's samples and no sample came since."""
+    """Whether `clear` dropped the frame's samples and no sample followed."""
 
     def __len__(self) -> int:
         """Count the frames."""
@@ -617,7 +617,7 @@ class Shared:
     size: int
     """Largest size in bytes."""
     repairs: int
-    """Writers that died during a commit, which the next writer took back."""
+    """Number of commits that the next writer took back, because their writer died."""
     processes: int
     """Processes that have it open, including this one; 0: unknown without permission."""
 

@@ -1,4 +1,4 @@
-"""Ticks along an axis: plain numbers without a common factor or offset, and room between them."""
+"""Ticks of an axis: plain numbers without a common factor or offset, with room between them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 _LARGE = 1e7
 _SMALL = 1e-4
 _SPARE = 6.0
-"""Points between two numbers."""
+"""Space between two numbers, in points."""
 
 
 def number(value: float, digits: int = 2) -> str:
-    """Write a number with `digits` decimals, a huge one with an exponent."""
+    """Write a number with `digits` decimals, or with an exponent if it is huge."""
     return f"{value:,.{digits}f}" if abs(value) < _LARGE else f"{value:.4g}"
 
 
@@ -58,10 +58,10 @@ def _short(text: str) -> str:
 
 
 class SparseLocator(AutoLocator):
-    """Places as many ticks on the x axis as their texts leave room for."""
+    """Places as many ticks on the x axis as have room for their texts."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
-        """Return the places of the ticks."""
+        """Return the positions of the ticks."""
         axis: Any = self.axis
         figure = axis.axes.get_figure(root=True)
         room = axis.axes.get_window_extent().width / figure.dpi * 72

@@ -75,7 +75,7 @@ def comparison(result: Compared, *, title: str | None = None) -> Figure:
 
 
 def _joined(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Pairs of neighbours without a gap between them."""
+    """Return the pairs of neighbours without a gap between them."""
     holes = [gap.before for gap in find_gaps(stamps)[2]]
     return np.isin(stamps[:-1], holes, invert=True)
 
@@ -91,7 +91,7 @@ def _draw_paths(figure: Figure, axes: Axes, result: Compared) -> None:
     coloured = LineCollection(_strokes(b, joined), cmap=_COLOURS, linewidths=1.9)
     coloured.set_array((values[:-1] + values[1:])[joined] / 2)
     low, high = float(values.min()), float(values.max())
-    # Errors that are all the same differ by rounding, which no colour should tell.
+    # Equal errors differ by rounding; colours must not show that.
     same = high - low <= 1e-9 * high
     coloured.set_clim(0.0 if same else low, max(high, 1e-12))
     axes.add_collection(coloured)
@@ -122,7 +122,7 @@ def _strokes(
 
 def _draw_errors(axes: Axes, absolute: Errors, relative: Errors, start: int, factor: float) -> None:
     style.tidy(axes)
-    # The RPE of many poses is a broad band: the APE lies upon it.
+    # The RPE of many poses is a broad band: draw the APE above it.
     looks = ((absolute, "APE", style.MOVING, 1.3, 3.0), (relative, "RPE", style.END, 0.7, 2.0))
     for errors, name, colour, width, order in looks:
         seconds = (errors.stamps - start) / 1e9

@@ -1,4 +1,4 @@
-"""When each edge has samples: one row per moving edge, with its gaps, late data and publishers."""
+"""Draws when each edge has samples: one row per moving edge, with gaps, late data, publishers."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Arrivals:
 
 @dataclass(frozen=True)
 class _Row:
-    """Moving edges, the samples of one publisher, or (without stamps) static edges."""
+    """A row: moving edges, the samples of one publisher, or (without stamps) static edges."""
 
     text: str
     depth: int
@@ -79,11 +79,11 @@ def timeline(
     width: float = 10.0,
     rows: int | None = 100,
 ) -> Figure:
-    """Draw one row per moving edge over time, sorted as the tree; all static edges are one row.
+    """Draw one row per moving edge over time, in tree order; all static edges share one row.
 
     Gaps longer than the limit are red. Rows with many samples are drawn as bars between gaps, rows
-    with few as single strokes. The count of late samples stands at the right of an edge. Times are
-    in seconds from the first sample.
+    with few samples as single strokes. The number of late samples stands to the right of the row.
+    Times are in seconds from the first sample.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ def timeline(
     width
         Width of the picture in inches, from 5 to 100. The number of rows sets its height.
     rows
-        Largest number of rows; beyond it subtrees are folded, the deepest first,
-        into one row with the samples of all their edges. None: no limit.
+        Largest number of rows. Beyond it subtrees are folded, the deepest first. A folded row has
+        the samples of all its edges. None: no limit.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def _checked(arrivals: Any) -> dict[str, tuple[Stamps, list[str]]]:
 
 
 class _Rows:
-    """Content of the rows."""
+    """Makes the rows."""
 
     def __init__(
         self,
@@ -191,13 +191,13 @@ class _Rows:
         self.arrivals = arrivals
         self.max_gap = max_gap
         self.folded = 0
-        """How many moving edges are in rows of several."""
+        """Number of moving edges in folded rows."""
         self.publishers = {
             name: sorted(set(filter(None, by))) for name, (_, by) in arrivals.items()
         }
 
     def listed(self, rows: int | None) -> list[_Row]:
-        """Return at most `rows` rows if possible: edges in tree order, then static ones."""
+        """Return at most `rows` rows if possible: moving edges in tree order, then static ones."""
         infos = self.store.tree()
         folds = Folds(Forest(infos), {info.name: self._height(info) for info in infos})
         still = {info.name for info in infos if info.is_static}
@@ -221,19 +221,19 @@ class _Rows:
         return found
 
     def _several(self, name: str) -> int:
-        """How many publishers an edge has, if it has several."""
+        """Return the number of publishers of an edge; 0 for a single one."""
         count = len(self.publishers.get(name, ()))
         return count if count > 1 else 0
 
     def _height(self, info: FrameInfo) -> int:
-        """How many rows an edge takes."""
+        """Return how many rows an edge takes."""
         several = self._several(info.name)
         if info.is_static:
             return int(several > 0)
         return 1 + several if info.name in self.edges else 0
 
     def _edge(self, info: FrameInfo, depth: int) -> Iterator[_Row]:
-        """An edge, then the samples of each of several publishers."""
+        """Return the row of an edge, followed by one row for each of several publishers."""
         several = self._several(info.name)
         said = f"{several} publishers" if several else ""
         if info.is_static:
@@ -255,7 +255,7 @@ class _Rows:
             yield _Row(f"by {publisher}", depth + 2, _rate(own), color, stamps=own)
 
     def _folded(self, infos: Sequence[FrameInfo], depth: int) -> Iterator[_Row]:
-        """One row for many edges: the samples of all, and holes in which none of them has any."""
+        """Return one row for many edges: all their samples, and the gaps common to all."""
         moving = [info for info in infos if info.name in self.edges and not info.is_static]
         if not moving:
             return
@@ -290,13 +290,13 @@ class _Rows:
         return np.asarray(self.store.samples(info.name)[0])
 
     def _late(self, info: FrameInfo) -> Stamps | None:
-        """The late samples, if arrivals are known."""
+        """Return the late samples, if arrivals are known."""
         sent = self.arrivals.get(info.name, (np.empty(0, np.int64),))[0]
         return _late(sent) if len(sent) else None
 
 
 def _late(sent: Stamps) -> Stamps:
-    """Return the stamps that came after a newer one."""
+    """Return the stamps that arrived after a newer one."""
     return np.unique(sent[1:][sent[1:] < np.maximum.accumulate(sent)[:-1]])
 
 
@@ -309,7 +309,7 @@ def _rate(stamps: Stamps) -> str:
 def _columns(
     rows: Sequence[_Row], width: float, step: float
 ) -> tuple[list[str], list[str], float, float]:
-    """Return the names and the notes as they fit, and how wide they are, margins included."""
+    """Return the names and notes, shortened to fit, and their widths with margins."""
     notes = [label_fitting.fitted(row.note, style.SMALL_SIZE, 0.3 * width) for row in rows]
     room = 0.42 * width
     names = [
@@ -349,7 +349,7 @@ def _style_axes(axes: Axes, rows: int, whole: tuple[int, int], room: float) -> N
 
 
 def _length(whole: tuple[int, int]) -> float:
-    """Seconds that the picture covers; one sample needs some, too."""
+    """Return the seconds that the picture covers; more than 0 even for one sample."""
     return (whole[1] - whole[0]) / 1e9 or 1e-3
 
 
@@ -406,7 +406,7 @@ def _names(
         **style.font(),
     }
     for i, (row, name, note) in enumerate(zip(rows, names, notes, strict=True)):
-        # As the axes lie: from -0.6 to rows - 0.4.
+        # The limits of the axes: -0.6 to rows - 0.4.
         y = 1 - (head + (i + 0.6) * _ROW * len(rows) / (len(rows) + 0.2)) / height
         quiet = row.stamps is None
         color = style.MUTED if quiet else style.INK
@@ -416,7 +416,7 @@ def _names(
 
 
 def _handles(rows: Sequence[_Row], edges: Sequence[EdgeSummary]) -> list[Line2D]:
-    """Explain the marks that are there."""
+    """Return legend entries for the marks in the picture."""
     found = [Line2D([], [], color=style.MOVING, linewidth=4, label="samples")]
     if any(edge.gaps for edge in edges):
         found.append(Line2D([], [], color=style.WARNING, linewidth=1.6, label="gap"))

@@ -1,4 +1,4 @@
-"""Trajectories: their path in a plane or in space, and each coordinate over time."""
+"""Draws trajectories: their path in a plane or in space, and each coordinate over time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _HEADINGS = 14
 _SIZE = (9.6, 5.4)
 _SMALLEST = (5.0, 4.0)
 _PARTS = 1500
-"""Largest number of pieces of a path with changing colour."""
+"""Largest number of pieces of a coloured path."""
 _MOST_TICKS = 8
 _OWN_PAD = 21.0
 """Padding that matplotlib adds to a 3-D axis."""
@@ -49,7 +49,7 @@ _LINES: tuple[Literal["-", "--", "-.", ":"], ...] = ("-", "--", "-.", ":")
 
 @dataclass(frozen=True)
 class _Path:
-    """One trajectory as it is drawn: NaN where it has no pose."""
+    """A trajectory to draw; NaN for missing poses."""
 
     label: str
     source: str
@@ -63,7 +63,7 @@ class _Path:
 
     @property
     def length(self) -> float:
-        """Metres."""
+        """Length in metres."""
         return float(np.linalg.norm(np.diff(self.points[self.good], axis=0), axis=1).sum())
 
 
@@ -243,8 +243,8 @@ def _draw(
     color: Literal["time", "speed"] | None,
     top: float,
 ) -> None:
-    """Put the path at the left and x, y and z over time at the right, below `top` points."""
-    # The name of a third axis hangs over the edge.
+    """Draw the path at the left, and x, y and z over time at the right, below `top` points."""
+    # The name of a third axis extends beyond the axes.
     style.lay_out(figure, top, 0.1 if plane == "xyz" else 0.02)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
     main = figure.add_subplot(grid[:, 0], projection="3d" if plane == "xyz" else None)
@@ -285,21 +285,21 @@ def _move_name_away(space: Any) -> None:
 
 
 def _bring_name_near(space: Any) -> None:
-    """Put the name of the third axis beside its numbers, in a picture that is laid out."""
+    """Put the name of the third axis beside its numbers, after the layout."""
     axis = space.zaxis
     line, name = axis.line.get_window_extent(), axis.label.get_window_extent()
     low, high = space.get_zlim()
     ticks = zip(axis.get_major_ticks(), axis.get_majorticklocs(), strict=True)
     numbers = [tick.label1.get_window_extent().x1 for tick, at in ticks if low <= at <= high]
     wanted = max([line.x1, *numbers]) + 0.5 * name.width + 6 * space.figure.dpi / 72 - line.x1
-    # How far a point of padding leads depends on the box.
+    # The distance per point of padding depends on the box.
     led = 0.5 * (name.x0 + name.x1) - line.x1
     axis.labelpad = (axis.labelpad + _OWN_PAD) * wanted / led - _OWN_PAD
 
 
 def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
     if plane == "xyz":
-        # Slanted axes leave no room for a frame's name.
+        # Slanted axes have no room for the name of a frame.
         space: Any = main
         for axis in (space.xaxis, space.yaxis, space.zaxis):
             axis.set_rotate_label(False)
@@ -327,7 +327,7 @@ def _scale(drawn: Sequence[_Path], color: str) -> ScalarMappable:
     low = high = 0.0
     if len(values):
         low = 0.0 if color == "speed" else float(values.min())
-        # A jump between two poses is not a speed that the rest should be compared with.
+        # The speed of a jump must not stretch the scale of all other speeds.
         high = float(np.quantile(values, 0.99)) if color == "speed" else float(values.max())
     norm = Normalize(low, high if high > low else low + 1e-3)
     return ScalarMappable(norm, colormaps["viridis"])
@@ -351,7 +351,7 @@ def _draw_scale(figure: Figure, main: Axes, scale: ScalarMappable, color: str) -
 
 
 def _pieces(path: _Path, columns: list[int], color: str) -> tuple[list[Floats], Floats]:
-    """Cut a path into pieces of one colour each, which meet; none bridges a hole."""
+    """Cut a path into adjacent pieces of one colour each; no piece bridges a gap."""
     good, points = path.good, path.points[:, columns]
     cuts = np.unique(np.linspace(0, len(good) - 1, _PARTS + 1).astype(int))
     values = _values(path, color)
@@ -410,7 +410,7 @@ def _draw_space(
     axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
     axes.set_zlim(middle[2] - half[2], middle[2] + half[2])
-    # One scale, and smaller than the room: the names of the axes hang over the edge.
+    # One scale, and smaller than the room, because the axis names extend beyond the axes.
     axes.set_box_aspect(half, zoom=0.85)
     axes.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE - 1, pad=0)
     for each, part in zip((axes.xaxis, axes.yaxis, axes.zaxis), half / half.max(), strict=True):
@@ -419,13 +419,13 @@ def _draw_space(
         each.set_major_locator(MaxNLocator(ceil(4 * part), min_n_ticks=1))
         each.set_major_formatter(TickFormatter())
     for each in (axes.yaxis, axes.zaxis):
-        # Beside the axis, however wide the numbers are: their middle would lie across it.
+        # Beside the axis for any width of the numbers; centred they would cross it.
         for tick in each.get_major_ticks(_MOST_TICKS):
             tick.label1.set_horizontalalignment("left")
 
 
 def _arrows(axes: Axes, path: _Path, columns: list[int]) -> None:
-    """Headings at even distances along the way; none where the source hardly moves."""
+    """Draw headings at even distances along the path; none if the source hardly moves."""
     points = path.points[path.good][:, columns]
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if way[-1] < 1e-6:
@@ -474,6 +474,6 @@ def _draw_over_time(axes: Axes, drawn: Sequence[_Path], axis: int) -> None:
             axes.plot(path.seconds, path.points[:, axis], color=path.color, marker="o")
     heights = np.concatenate([path.points[path.good, axis] for path in drawn])
     low, high = float(heights.min()), float(heights.max())
-    # A flat drive stays flat: noise of millimetres is not blown up to the picture's height.
+    # A flat path stays flat: millimetres of noise must not fill the height.
     half = max((high - low) * 0.58, 0.05)
     axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)

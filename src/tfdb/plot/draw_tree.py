@@ -1,4 +1,4 @@
-"""The frame tree, one row for each frame under its parent; large subtrees are folded."""
+"""Draws the frame tree, one row for each frame below its parent; large subtrees are folded."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from tfdb._core import StoreReader
     from tfdb.data.types import FrameInfo
 
-# All in points (1/72 inch): the axes cover the figure and count in points, so text fits by measure.
+# All lengths are points (1/72 inch): the axes cover the figure in points, so text can be measured.
 _ROW = 15.0
 _BOX = 11.5
 _PAD = 4.0
-_RISE = 0.8  # letters stand a little above the middle, for what hangs below them
+_RISE = 0.8  # text stands a little above the middle, because of descenders
 _STEP = 18.0
 _DEEPEST = 400.0
 _HEAD = 50.0
@@ -39,7 +39,7 @@ _WIDEST_NAME = 420.0
 
 @dataclass
 class _Node:
-    """A frame, or (without `info`) frames that are folded away under `parent`."""
+    """A frame, or (without `info`) the folded frames below `parent`."""
 
     text: str
     parent: str | None
@@ -62,9 +62,9 @@ def frame_tree(
     title
         Title of the picture. None: "Frame tree".
     rows
-        Largest number of drawn frames; beyond it subtrees are folded into one row with the number
-        of their frames: first subtrees with static edges only, the largest first, then the deepest.
-        Roots are always drawn. None: no limit.
+        Largest number of drawn frames. Beyond it each subtree is folded into one row with the
+        number of its frames: first subtrees with static edges only, the largest first, then the
+        deepest. Roots are always drawn. None: no limit.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def frame_tree(
 
 
 def _infos(frames: Any) -> list[FrameInfo]:
-    # Only the store has a tree(); frames themselves are taken as they are.
+    # Only a store has tree(); a list of frames is used as it is.
     try:
         infos = list(frames.tree() if hasattr(frames, "tree") else frames)
     except TypeError:

@@ -1,4 +1,4 @@
-"""Arguments of the pictures: the members of `tfdb.Trajectory` and `tfdb.Comparison` they use."""
+"""Types of the arguments: the used members of `tfdb.Trajectory` and `tfdb.Comparison`."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Errors(Protocol):
 
     @property
     def max(self) -> float:
-        """The greatest."""
+        """The greatest value."""
 
 
 class Compared(Protocol):
@@ -69,7 +69,7 @@ class Compared(Protocol):
 
     @property
     def has_stamps(self) -> bool:
-        """Whether the poses have timestamps; else they are rows."""
+        """Whether the poses have timestamps; otherwise their stamps are row numbers."""
 
     @property
     def align(self) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FoldedRow:
-    """A frame, or (without `info`) those that are folded away under `parent`."""
+    """A frame, or (without `info`) the folded frames below `parent`."""
 
     parent: str | None
     depth: int
@@ -33,7 +33,7 @@ def check_rows(rows: object) -> None:
 
 
 class Folds:
-    """The children of each frame that are folded into one row.
+    """The folded children of each frame.
 
     `heights` is the number of rows of each frame; None: one each.
     """
@@ -41,9 +41,9 @@ class Folds:
     def __init__(self, forest: Forest, heights: Mapping[str, int] | None = None) -> None:
         self.forest = forest
         self.away: dict[str, list[str]] = {}
-        """By parent, the children that its one folded row stands for."""
+        """By parent, the children in its folded row."""
         self.sizes: dict[str, int] = {}
-        """Frames of a subtree, its top included."""
+        """Number of frames of each subtree, with its root."""
         self._hidden: set[str] = set()
         self._still: dict[str, bool] = {}
         self._depths: dict[str, int] = {}
@@ -62,11 +62,11 @@ class Folds:
 
     @property
     def frames(self) -> int:
-        """How many frames are folded away."""
+        """Number of folded frames."""
         return sum(self.sizes[child] for below in self.away.values() for child in below)
 
     def fold(self, rows: int) -> None:
-        """Fold until at most so many rows are left, if that can be."""
+        """Fold until at most `rows` rows are left, if possible."""
         shown = sum(self._shown[root] for root in self.forest.roots)
         names = sorted(self.forest.by_name)
         still = {
@@ -111,7 +111,7 @@ class Folds:
         return sum(self._shown[child] for child in children)
 
     def _hide(self, parent: str, children: list[str]) -> int:
-        """Fold these children; return how many rows that saves."""
+        """Fold children; return the number of saved rows."""
         if parent in self._hidden:
             return 0
         before = self._shown[parent]
@@ -129,6 +129,6 @@ class Folds:
             name = stack.pop()
             if name not in self._hidden:
                 self._hidden.add(name)
-                self.away.pop(name, None)  # of the folds, only the outermost counts
+                self.away.pop(name, None)  # of nested folds only the outermost counts
                 stack.extend(self.forest.children[name])
         return before - after

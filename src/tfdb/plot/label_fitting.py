@@ -1,4 +1,4 @@
-"""Labels of pictures: names drawn literally, and shortened to the room that they have."""
+"""Labels of pictures: names are drawn literally, and shortened to the available room."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from matplotlib import font_manager
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
-# matplotlib's own first; of the others those that are installed, for letters that it lacks.
+# matplotlib's font first, then installed fonts for letters that it lacks.
 _FAMILIES = (
     "DejaVu Sans",
     "Noto Sans CJK SC",
@@ -25,14 +25,14 @@ _ELLIPSIS = "…"
 
 @cache
 def families() -> list[str]:
-    """Name the fonts that texts are drawn with, the first that has a letter draws it."""
+    """Return the fonts of texts; the first font that has a letter draws it."""
     there = {font.name for font in font_manager.fontManager.ttflist}
     return [name for name in _FAMILIES if name in there]
 
 
 @cache
 def _letters() -> frozenset[int]:
-    """Every character that one of the fonts has."""
+    """Return all characters of the fonts."""
     found: set[int] = set()
     for name in families():
         path = font_manager.findfont(FontProperties(family=name), fallback_to_default=False)
@@ -41,7 +41,7 @@ def _letters() -> frozenset[int]:
 
 
 def shown(text: str) -> str:
-    r"""Return a text in one line: what no font can draw becomes its escape, such as ``\n``."""
+    r"""Return a text in one line: characters that the fonts lack are escaped, such as ``\n``."""
     if text.isascii() and text.isprintable():
         return text
     letters = _letters()
@@ -54,10 +54,10 @@ def shown(text: str) -> str:
 
 
 def width(text: str, size: float, weight: str = "normal") -> float:
-    """Measure one line in points, with a little to spare: on a screen's grid letters are wider."""
+    """Measure one line in points, with a margin: letters are wider on a screen's pixels."""
     if not text:
         return 0.0
-    # `text_to_path` knows no second font: letters of such a one are counted as wide as high.
+    # `text_to_path` uses one font only: letters of other fonts count as wide as high.
     own = _letters_of_font()
     known = "".join(letter for letter in text if ord(letter) in own)
     font = FontProperties(family=families()[0], size=size, weight=weight)
@@ -72,11 +72,11 @@ def _letters_of_font() -> frozenset[int]:
 
 
 def fitted(text: str, size: float, room: float, weight: str = "normal") -> str:
-    """Return `shown(text)`, without its middle where that is wider than `room` points."""
+    """Return `shown(text)`, without its middle if it is wider than `room` points."""
     text = shown(text)
     if width(text, size, weight) <= room:
         return text
-    low, high = 0, len(text)  # how many letters stay
+    low, high = 0, len(text)  # number of remaining letters
     while low < high:
         middle = (low + high + 1) // 2
         if width(_without_middle(text, middle), size, weight) <= room:

@@ -44,20 +44,20 @@ SERIES = (
     "#a68a00",
     "#1597a5",
 )
-"""Colours to distinguish several things."""
+"""Colours to distinguish several paths or publishers."""
 
 TITLE_SIZE = 12.0
 TEXT_SIZE = 9.0
 SMALL_SIZE = 8.0
 DPI = 120
 MARGIN = 14.0
-"""Points that stay free at each side."""
+"""Margin at each side, in points."""
 
 
 class Picture(Figure):
     """A figure that a notebook shows as the last line of a cell.
 
-    `%matplotlib inline` shows every Figure so. Without it a notebook calls `_repr_png_`.
+    With `%matplotlib inline` a notebook shows any Figure. Without it, it calls `_repr_png_`.
     """
 
     def _repr_png_(self) -> bytes:
@@ -68,7 +68,7 @@ class Picture(Figure):
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Make an empty figure of `width` x `height` inches that belongs to no window."""
+    """Make an empty figure of `width` x `height` inches without a window."""
     figure = Picture(figsize=(width, height), dpi=DPI, facecolor=PAPER)
     figure.set_layout_engine("none")
     return figure
@@ -87,13 +87,13 @@ def lay_out(figure: Figure, top: float, between: float = 0.02) -> None:
 
 
 def freeze_layout(figure: Figure) -> None:
-    """Lay out what was added since `lay_out`, and keep the layout for every file format."""
+    """Lay out the additions since `lay_out`, and keep the layout for every file format."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
 
 
 def frame_all(axes: Axes, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> None:
-    """Show a rectangle of a plane with some room around it, both axes in one scale."""
+    """Set the limits to a rectangle with a margin, both axes in one scale."""
     half = np.maximum((high - low) * 0.57, 0.05 * max(float((high - low).max()), 1e-2))
     middle = (low + high) / 2
     axes.update_datalim([middle - half, middle + half])
@@ -103,7 +103,7 @@ def frame_all(axes: Axes, low: npt.NDArray[np.float64], high: npt.NDArray[np.flo
 
 
 def tidy(axes: Axes) -> None:
-    """Thin grey frame, faint grid, small labels."""
+    """Give axes a thin grey frame, a faint grid and small labels."""
     axes.set_facecolor(PAPER)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
@@ -118,7 +118,7 @@ def tidy(axes: Axes) -> None:
 
 
 def label(axes: Axes, x: str, y: str) -> None:
-    """Name both axes; nothing in the names is a formula."""
+    """Name both axes; the names are not read as formulas."""
     axes.set_xlabel(x, color=INK, fontsize=TEXT_SIZE, parse_math=False, **font())
     axes.set_ylabel(y, color=INK, fontsize=TEXT_SIZE, parse_math=False, **font())
 
@@ -150,7 +150,7 @@ def title(figure: Figure, text: str, under: str = "", **where: Any) -> None:
 
 
 def since(stamp: int) -> str:
-    """Name a time axis that begins at a stamp: by its date where it is one, else in seconds."""
+    """Return the name of a time axis that begins at a stamp: its date, otherwise its seconds."""
     if stamp < _YEAR_2000:
         return f"time since {format_seconds(stamp)} [s]"
     date = datetime.fromtimestamp(stamp // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
@@ -165,14 +165,14 @@ _GAP = 16.0
 
 
 def legend_columns(labels: Sequence[str], room: float) -> int:
-    """Return how many columns of a legend fit into so many points."""
+    """Return how many columns of a legend fit into `width` points."""
     widest = max((label_fitting.width(text, SMALL_SIZE) for text in labels), default=0.0)
     columns = int((room + _GAP) // (widest + _HANDLE + _GAP))
     return max(1, min(columns, len(labels)))
 
 
 def legend_labels(names: Sequence[str], room: float) -> list[str]:
-    """Return names as a legend of so many points shows them."""
+    """Return names, shortened to fit into a legend of `width` points."""
     return [label_fitting.fitted(name, SMALL_SIZE, room - _HANDLE) for name in names]
 
 

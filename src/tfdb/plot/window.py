@@ -1,4 +1,4 @@
-"""A picture in a window of its own."""
+"""Shows a picture in a window."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def show(figure: Figure) -> None:
         The screen is missing, or matplotlib finds none of the libraries that make windows (Tk, Qt,
         GTK).
     InvalidArgument
-        It is not a Figure of matplotlib.
+        The argument is not a matplotlib Figure.
     """
     from matplotlib import pyplot as plt  # noqa: PLC0415 - it chooses what makes windows
     from matplotlib.figure import Figure  # noqa: PLC0415
@@ -53,6 +53,6 @@ def show(figure: Figure) -> None:
 
 
 def _in_notebook() -> bool:
-    """Whether a kernel of Jupyter runs this program; it has imported IPython."""
+    """Return whether a Jupyter kernel runs this program: it has imported IPython."""
     ipython: Any = sys.modules.get("IPython")
     return getattr(ipython and ipython.get_ipython(), "kernel", None) is not None

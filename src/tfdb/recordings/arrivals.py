@@ -62,18 +62,18 @@ def publisher_of(source: Source) -> str:
 
 
 class ArrivalReader:
-    """Collects transforms while the recordings are read for something else. Threads: one.
+    """Collects transforms while the recordings are read for another purpose. Threads: one.
 
     Parameters
     ----------
     publisher
-        Names the publisher of a source.
+        Returns the publisher of a source.
     """
 
     def __init__(self, publisher: Callable[[Source], str] = publisher_of) -> None:
         self._publisher = publisher
         self.found: RecordedArrivals | None = None
-        """What was collected, once it is complete."""
+        """The collected transforms, once they are complete."""
 
     def begin(self, recordings: OpenRecordings, rewriter: Rewriter) -> None:
         """Start again with recordings and their rewriter."""

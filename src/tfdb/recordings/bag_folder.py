@@ -36,7 +36,7 @@ _NUMBERED = re.compile(r"(.*)_(\d{1,9})(\.(?:db3|mcap)(?:\.zstd)?)", re.DOTALL)
 
 @dataclass
 class _Metadata:
-    """The used part of the metadata: file names, and the number of messages of each topic.
+    """The metadata that is used: file names, and the number of messages of each topic.
 
     `first` and `last` are the receive times of the first and the last message, nanoseconds.
     """
@@ -162,7 +162,7 @@ class _Joined(Container):
 
 
 def _found(parts: list[Container]) -> Counter[str]:
-    """Number of messages of each topic."""
+    """Count the messages of each topic."""
     found: Counter[str] = Counter()
     for part in parts:
         for topic in part.topics:
@@ -171,7 +171,7 @@ def _found(parts: list[Container]) -> Counter[str]:
 
 
 def _lost(metadata: _Metadata, parts: list[Container]) -> dict[str, int]:
-    """Number of missing messages by topic: those in the metadata but not in the files."""
+    """Count the missing messages of each topic: those in the metadata but not in the files."""
     found = _found(parts)
     return {
         name: count - found[name]
@@ -181,7 +181,7 @@ def _lost(metadata: _Metadata, parts: list[Container]) -> dict[str, int]:
 
 
 def _metadata(folder: Path, problem: Callable[[str], None]) -> _Metadata:
-    """The metadata; without them, the file names in the folder."""
+    """Read the metadata; without metadata, list the files of the folder."""
     path = folder / _METADATA
     if path.exists():
         try:
@@ -196,7 +196,7 @@ def _metadata(folder: Path, problem: Callable[[str], None]) -> _Metadata:
 
 
 def _holes(names: list[str]) -> list[str]:
-    """Names of parts between those that are there; recorders count them from 0 and may drop old."""
+    """Return the names of missing parts between others. Recorders may drop the first parts."""
     numbers: dict[tuple[str, str], set[int]] = defaultdict(set)
     for name in names:
         if numbered := _NUMBERED.fullmatch(name):
@@ -253,7 +253,7 @@ def _get(whole: Any, key: str, kind: type, of: type | None = None) -> Any:
 
 
 def _open(path: Path, stack: ExitStack, *, salvage: bool) -> Container:
-    """One file of the folder."""
+    """Open one file of the folder."""
     kind = kind_of(path)
     if kind not in _OPENERS:
         raise RecordingError(path, "neither a ROS 2 database (.db3) nor an MCAP file")

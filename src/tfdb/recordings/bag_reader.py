@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _FIRST_RECORD = len("#ROSBAG V2.0\n")
 _MESSAGE, _HEADER, _COUNTS, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _KINDS = (_HEADER, _CHUNK, _CONNECTION, _COUNTS, _CHUNK_INFO)
-# Bytes in the index of a chunk for each of its messages.
+# Bytes of each message in the index of a chunk.
 _COUNTED = 12
 _HINT = "`rosbag reindex` or salvage=True (--salvage) may save the rest"
 # A header has a few numbers and a topic's name.
@@ -283,7 +283,7 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
         id_, connection = _number(fields, b"conn", 4), _connection(fields, data)
         if connections.setdefault(id_, connection) != connection:
             found.lose(0, f"connection {id_} is declared again, on {connection.topic!r}")
-            if id_ not in walked:  # the index, at the end, was read first
+            if id_ not in walked:  # the index at the end of the file was read first
                 connections[id_] = connection
         walked.add(id_)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Cache"]
 
-# How the record begins that is kept with what was loaded: its first key, as `json` writes it.
+# The beginning of the record in a cache: its first key, as `json` writes it.
 _MARK = b'{"tfdb": "'
 
 
@@ -76,7 +76,7 @@ class Cache:
                 continue
             if kept.get("times") == self._times:
                 return found
-            # Of another time, but perhaps the same: a copy, or one that was touched.
+            # A copied or touched recording has another time, but perhaps the same content.
             if kept.get("hash") == _hash(self._files):
                 return self._put(found, place, kept["hash"]) or found
         return None
@@ -97,7 +97,7 @@ class Cache:
 
     def _put(self, buffer: Buffer, place: Path, made_of: str) -> Buffer | None:
         """Write a frozen store; None if it cannot be written."""
-        _refuse_foreign(place)  # it may have come meanwhile
+        _refuse_foreign(place)  # another process may have written it in the meantime
         record = {**self._wanted, "times": self._times, "hash": made_of}
         try:
             if place != self._places[0]:
@@ -141,7 +141,7 @@ def _home() -> Path | None:
 def _files_of(path: Path) -> list[Path]:
     """List the files of a recording."""
     if not path.is_dir():
-        real = path.resolve()  # beside it lies what the recorder of a .db3 left
+        real = path.resolve()  # the recorder of a .db3 may leave a log beside it
         logs = [real.with_name(real.name + end) for end in ("-wal", "-journal")]
         return [path, *(log for log in logs if log.is_file())]
     return sorted(file for file in path.iterdir() if file.is_file() and file.suffix != SUFFIX)

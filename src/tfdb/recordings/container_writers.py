@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from .containers import Encoding
 
 _CHUNK = 1 << 20
-"""A chunk ends with the first message beyond so many bytes."""
+"""A chunk ends with the first message that makes it larger than this many bytes."""
 _MOST_CHANNELS = 0xFFFF
 _BAG_END = 2**32 * 10**9
 _DB3_END = 2**63
 _ROS2_TYPE = TYPE.replace("/", "/msg/")
 _VERSION = 8
-"""Of the metadata of rosbag2."""
+"""Version of the metadata of rosbag2."""
 
 
 @dataclass(frozen=True)
 class Connection:
-    """A topic of a new recording, and who publishes on it."""
+    """A topic of a new recording, and its publisher."""
 
     topic: str
     authority: str
@@ -48,25 +48,25 @@ class Connection:
 
 
 class ContainerWriter(Protocol):
-    """One kind of file. Not for several threads at once."""
+    """A writer of one file format. Not for several threads at once."""
 
     encoding: Encoding
 
     def connect(self, number: int, connection: Connection) -> None:
-        """Add a connection; their numbers count from 0."""
+        """Add a connection; connections are numbered from 0."""
 
     def write(self, messages: Recorded) -> None:
-        """Add messages; their sources are numbers of connections."""
+        """Add messages; their sources are connection numbers."""
 
     def finish(self) -> None:
-        """Write what ends the file, and close it."""
+        """Write the end of the file, and close it."""
 
     def close(self) -> None:
-        """Close the file as it is."""
+        """Close the incomplete file."""
 
 
 def open_container(path: Path, named: Path, *, compress: bool) -> ContainerWriter:
-    """Make a new file of the kind that its name's ending names; errors name `named`."""
+    """Make a new file in the format of its extension; errors name `named`."""
     if path.suffix == ".bag":
         return _Bag(path, named, compress=compress)
     if path.suffix == ".mcap":
@@ -96,7 +96,7 @@ class _Chunked(ABC):
 
     @abstractmethod
     def _end_chunk(self) -> None:
-        """Write the chunk with its indexes, and begin another."""
+        """Write the chunk with its indexes, and begin a new one."""
 
     def close(self) -> None:
         self._file.close()
@@ -112,7 +112,7 @@ class _Bag(_Chunked):
 
     def __init__(self, path: Path, named: Path, *, compress: bool) -> None:
         super().__init__(path, named, MessageChunk("bag"))
-        # Not LZ4: ROS's own reader refuses the frames that Python's library makes.
+        # Not LZ4: ROS's reader refuses the frames of Python's lz4 library.
         self._pack: Callable[[bytes], bytes] = bz2.compress if compress else bytes
         self._packing = b"bz2" if compress else b"none"
         self._infos: list[bytes] = []
@@ -292,7 +292,7 @@ class _Mcap(_Chunked):
 
     @property
     def _span(self) -> tuple[int, int]:
-        """The times of the first and the last message."""
+        """Return the times of the first and the last message."""
         return min(self._start, self._end), self._end
 
 
@@ -390,7 +390,7 @@ def _metadata(
     counts: Counter[int],
     span: tuple[int, int],
 ) -> str:
-    """Return what rosbag2 keeps beside the messages. JSON is YAML, and needs no library."""
+    """Return the metadata of rosbag2 as JSON, which is valid YAML and needs no library."""
     start, end = span
     times = {
         "starting_time": {"nanoseconds_since_epoch": start},

@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Encoding: TypeAlias = Literal["ros1", "cdr", "protobuf", "json"]
-"""Messages of transforms are of the first two."""
+"""Message types with transforms; the first two are TFMessage."""
 Kind: TypeAlias = Literal["bag", "db3", "mcap", "packed", "folder", "trajectory"]
 Payload: TypeAlias = "tuple[int, int, bytes]"
-"""Time of reception (ns), id of the source, bytes."""
+"""Receive time (ns), id of the source, bytes."""
 Surveyed: TypeAlias = "tuple[dict[int, int], bool, Iterator[Recorded]]"
 Survey: TypeAlias = "Callable[[Collection[int], Callable[[int], None]], Surveyed]"
 
@@ -44,7 +44,7 @@ NO_START = 2**63 - 1
 
 _TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
 TRAJECTORIES = (".tum", ".txt", ".csv", ".npz", ".parquet")
-"""How the names of trajectory files end."""
+"""Extensions of trajectory files."""
 POSES_WITHOUT_CHILD = frozenset(
     {
         "geometry_msgs/PoseStamped",
@@ -53,13 +53,13 @@ POSES_WITHOUT_CHILD = frozenset(
         "foxglove.PoseInFrame",
     }
 )
-"""Types of messages that say where something is, and not what."""
+"""Types of messages with a pose that do not name the child frame."""
 FRAME_TRANSFORMS = frozenset({"foxglove.FrameTransform", "foxglove.FrameTransforms"})
-"""Types of Foxglove whose messages are transforms between two frames that they name."""
+"""Types of Foxglove's messages with transforms between two named frames."""
 POSE_TYPES = (
     POSES_WITHOUT_CHILD | FRAME_TRANSFORMS | {"nav_msgs/Odometry", "geometry_msgs/TransformStamped"}
 )
-"""Types of messages whose poses are read from the topics that `pose_topics` names."""
+"""Types of messages whose poses are read on the topics of `pose_topics`."""
 JOINT_STATE = "sensor_msgs/JointState"
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"#ROSBAG V2.0", "bag"),
@@ -147,22 +147,22 @@ class Container:
     sources
         The streams of transforms, poses and joint states, by id.
     start
-        When the first message was received, nanoseconds; `NO_START` without messages.
+        Receive time of the first message, nanoseconds; `NO_START` without messages.
     payloads
-        Gives the messages of the sources with the ids that it gets, in order of reception, those of
-        one time in the order of the file. It may leave out those that were received before its
+        Returns the messages of the sources with the given ids, sorted by receive time; messages of
+        one time keep the order of the file. It may skip messages that were received before its
         second argument.
     close
-        Closes the file; called again, does nothing.
+        Closes the file. A second call does nothing.
     losses
-        What could not be saved of the file.
+        The losses of a damaged file.
     hint
-        What may help where the file is damaged.
+        Advice for a damaged file.
     survey
-        Where the container is read in C++: looks through the whole file, calls its second argument
-        with how many messages came each time, and gives their numbers by id, whether each of them
-        is packed by itself, and the same messages as `payloads`, in parts that are read again when
-        their turn comes.
+        For containers that are read in C++: reads the whole file, and calls its second argument
+        with the number of messages of each step. Returns the number of messages by id, whether each
+        message is compressed by itself, and the messages of `payloads` in parts, which are read
+        again when they are needed.
     """
 
     notes: tuple[str, ...] = ()
@@ -199,9 +199,9 @@ class Container:
     def messages(
         self, wanted: Callable[[Source], bool], since: int = 0
     ) -> Iterator[tuple[Source, int, bytes]]:
-        """Source, time of reception (ns) and payload of each message, in order of reception.
+        """Yield source, receive time (ns) and payload of each message, sorted by receive time.
 
-        `since`: the earliest reception. Raises `RecordingError` if the file is damaged, possibly
+        `since`: the earliest receive time. Raises `RecordingError` if the file is damaged, possibly
         after some messages.
         """
         sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
@@ -219,7 +219,7 @@ class Container:
     def read(
         self, wanted: Callable[[Source], bool], step: Callable[[int], None]
     ) -> Iterator[tuple[Recorded, Mapping[int, Source]]]:
-        """All messages in parts, each with its sources by their numbers in the part.
+        """Return all messages in parts, each with its sources by their numbers in the part.
 
         It checks the whole file first, and raises `RecordingError` if the file is damaged. So do
         the parts if the file changes meanwhile. `step` is called with the number of messages
@@ -233,7 +233,7 @@ class Container:
             if not packed:
                 return ((part, sources) for part in self._typed(parts))
         recorded = Recorded()
-        # Containers give the same object for the same source.
+        # Containers return the same object for the same source.
         numbers = {id(source): number for number, source in enumerate(self.sources)}
         for source, received, data in self.messages(wanted):
             recorded.add(received, numbers[id(source)], data)
@@ -248,12 +248,12 @@ class Container:
 
 
 def is_packed(source: Source, data: bytes) -> bool:
-    """Whether a message is compressed by zstd, as rosbag2 does; CDR never begins like that."""
+    """Return whether a message is compressed with zstd, as by rosbag2; CDR never begins like it."""
     return data[:4] == ZSTD and source.encoding == "cdr"
 
 
 def are_packed(messages: Recorded, sources: Mapping[int, Source]) -> bool:
-    """Whether messages (at least one) are compressed singly; a recorder does so to all or none."""
+    """Return whether messages (at least one) are compressed singly: a recorder does all or none."""
     _, id_, data = messages[0]
     return is_packed(sources[id_], data)
 
@@ -304,17 +304,17 @@ class Gathered:
         return size
 
     def found(self) -> Counter[int]:
-        """Number of messages of each source."""
+        """Count the messages of each source."""
         return Counter(id_ for _, id_, _ in self.messages)
 
     def payloads(self, ids: Collection[int], since: int) -> list[Payload]:
-        """The messages of some sources, by time."""
+        """Return the messages of some sources, sorted by time."""
         self.messages.sort(key=_time)
         first = bisect_left(self.messages, since, key=_time)
         return [message for message in self.messages[first:] if message[1] in ids]
 
     def losses(self, path: Path, sources: Mapping[int, Source]) -> list[Loss]:
-        """The losses of the readable sources; empty if nothing was lost."""
+        """Return the losses of the readable sources; empty without a loss."""
         found = self.found()
         lost = sum(max(0, self.promised[id_] - found[id_]) for id_ in sources)
         if not lost and not self.reasons:
@@ -331,7 +331,7 @@ _STEP = 4096
 def in_order(
     chunks: Iterable[tuple[int, T]], read: Callable[[T], Iterable[Payload]]
 ) -> Iterator[Payload]:
-    """Messages by time; those of one time are in the order of the file.
+    """Sort messages by time; messages of one time keep the order of the file.
 
     Chunks come by the time of their first message. They may overlap, so a message waits until no
     later chunk can have an earlier one.
@@ -437,7 +437,7 @@ def prefix_of(source: Source) -> str:
 
 
 def prefix_of_topic(name: str, *, transforms: bool) -> str:
-    """Do the same for the name of a topic, of transforms or of poses."""
+    """Return the prefix for the name of a topic, of transforms or of poses."""
     topic = name.strip("/").removesuffix("_static")
     space, _, last = topic.rpartition("/")
     whole = topic if transforms and last != "tf" else space

@@ -61,7 +61,7 @@ def open_db3(path: Path, *, salvage: bool = False) -> Container:
     hint = more if salvage else f"{SALVAGE}; {more}"
     gathered = Gathered()
     with typed_errors(path, hint), _database_errors():
-        real = path.resolve()  # its logs are beside it
+        real = path.resolve()  # the logs are beside the file
         logs = _logs(real, gathered if salvage else None)
         database = _connected(real, logs, gathered if salvage else None)
         try:
@@ -281,7 +281,7 @@ def _rows_before(
 ) -> list[tuple[Any, ...]]:
     """Return rows back from the later of two, until a page cannot be read."""
     found = []
-    with suppress(BadDataError):  # the caller has counted that page
+    with suppress(BadDataError):  # the caller counts that page
         for number, *row in _rows_between(database, query, first, last, back=True):
             if not first < number < last:
                 break

@@ -44,7 +44,7 @@ class EdgeRules:
 
     @property
     def names(self) -> set[str]:
-        """The names that were compared with `exclude`, as an error may show them."""
+        """The names that were compared with `exclude`, for warnings."""
         return {name.removeprefix("/") for name in self._is_out if name.isprintable()}
 
     def number(self, source: Source) -> int:
@@ -96,7 +96,7 @@ class EdgeRules:
         return self._choice.prefix + self._choice.rename.get(frame, frame)
 
     def _excludes(self, *names: str, edges: bool = False) -> bool:
-        """Whether one of names is excluded; `edges`: of edges, as only entries with ':' name."""
+        """Return whether a name is excluded. `edges`: only entries with ':' name edges."""
         excluded = self._excluded_edges if edges else self._excluded
         if not excluded:
             return False

@@ -153,7 +153,7 @@ class Following:
 
 
 def refuse_mixture_so_far(path: PathLike, selection: Selection) -> None:
-    """Raise what `follow_recording` raises for the part of a file that is written already.
+    """Raise the errors of `follow_recording` for the existing part of a file.
 
     Raises MixedSources, RecordingError and InvalidArgument.
     """
@@ -166,7 +166,7 @@ def refuse_mixture_so_far(path: PathLike, selection: Selection) -> None:
 
 
 def _watch(path: Path, choice: Choice, rewriter: Rewriter) -> Watch | None:
-    """Return what finds groups that disagree while a file grows; None: they may."""
+    """Return a watch for groups that disagree while a file grows; None if they may disagree."""
     is_judged = choice.judges_groups and not choice.by_namespace
     return Watch(str(path), rewriter.without_names()) if is_judged else None
 
@@ -174,7 +174,7 @@ def _watch(path: Path, choice: Choice, rewriter: Rewriter) -> Watch | None:
 def _runs_that_came(
     messages: Recorded, sources: Mapping[int, Source], choice: Choice, watch: Watch | None
 ) -> Iterator[Run]:
-    """Give the runs that are wanted of messages that just came, after a look at each."""
+    """Yield the wanted runs of new messages, each after the watch has compared it."""
 
     def kind(source: Source) -> object:
         return choice.kind(source), "" if watch is None else spelling_of(source)

@@ -30,8 +30,8 @@ def load_joint_states(
 ) -> Buffer:
     """Make a store from the joint states of a recording: the pose of each link in its parent.
 
-    Each message (sensor_msgs/JointState) is one commit, at its stamp, the fixed joints another.
-    The recording's own transforms are not read: `tfdb.load(recording, urdf=model)` joins both.
+    Each message (sensor_msgs/JointState) is one commit, at its stamp; the fixed joints are another.
+    Transforms in the recording are not read: `tfdb.load(recording, urdf=model)` reads both.
 
     Parameters
     ----------

@@ -44,12 +44,12 @@ def load(
     path, progress
         As in `Buffer.load`.
     cache
-        Keep the loaded data as a frozen store, and open that the next time, which takes as long as
+        Keep the loaded data as a frozen store, and open it the next time. This takes as long as
         reading the file once. The cache is `drive.mcap.tfdb` beside the recording, or lies in
-        `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) if that folder is not writable. It is valid while
-        the recording has the same size and modification time, or the same content. A cache that is
-        stale, damaged, or of another version of tfdb is replaced. Other options, and several files,
-        have separate caches.
+        `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) if the recording's folder is not writable. It is
+        valid while the recording has the same size and modification time, or the same content. A
+        cache that is stale, damaged, or of another version of tfdb is replaced. Loads with other
+        options, or of several files, have separate caches.
     **selection
         The part to read, and new frame names: the fields of `tfdb.recordings.Selection`, such as
         `topics`, `start`, `exclude` and `rename`.
@@ -156,7 +156,7 @@ def _warn(
 
 
 def _extent(infos: Sequence[FrameInfo]) -> set[tuple[object, ...]]:
-    """Figures that change with each added sample."""
+    """Return numbers that change with each added sample."""
     return {(i.name, i.parent, i.samples, i.oldest, i.newest) for i in infos}
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .selection import Choice
 
 NAMED = 8
-"""How many refused edges are named, each by a warning."""
+"""Largest number of refused edges that get a warning each."""
 
 
 @dataclass(frozen=True)
@@ -227,14 +227,14 @@ class Tally:
         self.refused_edges[key] = refused
 
     def _add_error(self, error: TfdbError, edge: str, *, is_message: bool) -> None:
-        """Count what was refused before the store saw it."""
+        """Count an error that occurred before the store."""
         name = type(error).__name__
         self.reasons[name] += 1
         self.first_refusals.setdefault(name, str(error))
         self._add_refused(RefusedEdge(edge, name, 1, str(error), is_message))
 
     def _name_ways_on(self, rewriter: Rewriter) -> None:
-        """Name the options of loading in the errors of edges that are static and move."""
+        """Add the remedies of loading to the errors of edges that are both static and moving."""
         conflict = "StaticConflict"
         for key, each in self.refused_edges.items():
             if each.error != conflict:
@@ -248,7 +248,7 @@ class Tally:
     def report(
         self, files: tuple[str, ...], seconds: float, rewriter: Rewriter, *, empty: bool = False
     ) -> LoadReport:
-        """Return the report; raise RecordingError where nothing was stored, unless it may be."""
+        """Return the report; raise RecordingError if nothing was stored, unless that is allowed."""
         for error in rewriter.refusals:
             self.refused += 1
             self._add_error(error, "", is_message=True)
@@ -293,7 +293,10 @@ class Tally:
 
 
 def warn_of_refused(paths: Iterable[str], refused: Iterable[RefusedEdge], depth: int) -> None:
-    """Warn of each edge and error, but for what is forgotten; `depth` frames up is the caller."""
+    """Warn once of each edge and error, except of forgotten samples.
+
+    The caller is `depth` frames up.
+    """
     files = ", ".join(paths)
     told = [each for each in refused if each.error != "TooOld"]
     for each in told[:NAMED]:
@@ -312,9 +315,9 @@ def warn_of_refused(paths: Iterable[str], refused: Iterable[RefusedEdge], depth:
 def refused_by(
     rewriters: Iterable[Rewriter], natively: Iterable[RefusedEdge] = ()
 ) -> list[RefusedEdge]:
-    """What rewriters refused, by edge and error, the most frequent first.
+    """Return the transforms that rewriters refused, by edge and error, the most frequent first.
 
-    `natively`: what was refused of TFMessages.
+    `natively`: the refused transforms of TFMessages.
     """
     found = {(each.edge, each.error, each.is_message): each for each in natively}
     for rewriter in rewriters:
@@ -328,7 +331,7 @@ def refused_by(
 
 
 def describe_refused(refused: RefusedEdge) -> str:
-    """Say how many transforms of an edge were refused, and why the first was."""
+    """Describe how many transforms of an edge were refused, with the first error."""
     one = refused.count == 1
     name = refused.edge if len(refused.edge) <= 64 else f"{refused.edge[:64]}..."
     what = f"{'transform' if one else 'transforms'} of frame {name!r}"

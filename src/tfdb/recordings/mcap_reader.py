@@ -1,17 +1,22 @@
 """MCAP files (https://mcap.dev/spec).
 
-With the summary at the end of the file only those chunks are read that hold what is wanted. Files
-without one, or whose summary does not name all schemas, channels and chunks, are walked from their
-beginning, and so are damaged ones (`salvage`).
+With the summary at the end of the file, only chunks with selected messages are read. Files are
+scanned from their beginning if the summary is missing or does not list all schemas, channels and
+chunks. So are damaged files (`salvage`).
 
-Damage is also what the format forbids: checksums that are wrong (zero: there is none), records
-where they must not be (a second header, a chunk within a chunk or behind the end of the data), no
-chunk where the summary has one, messages shorter than their head, messages of channels that neither
-the summary nor anything before them declares, or whose schema nothing declares, and channels and
-schemas that are declared again as something else. `salvage` leaves such messages out, believes the
-first declaration, and reports it.
+Violations of the format count as damage:
 
-Where the data have a checksum, all of the file is read once to check it, whatever is wanted.
+- a wrong checksum (zero means that it is missing);
+- a record in a forbidden position: a second header, a chunk within a chunk or after the data;
+- a chunk of the summary that is missing in the file;
+- a message that is shorter than its head;
+- a message of a channel that neither the summary nor an earlier record declares, or whose schema
+  is not declared;
+- a channel or schema that is declared again with other content.
+
+`salvage` skips such messages, uses the first declaration, and reports the loss.
+
+If the data have a checksum, the whole file is read once to verify it.
 """
 
 from __future__ import annotations
@@ -88,7 +93,7 @@ _CHUNK_HEAD = struct.Struct("<QQQI")
 _PAIR = struct.Struct("<HQ")
 _LOST_HEAD = struct.pack("<I", len(LOST)) + LOST.encode()
 _PIECE = 2**20
-# Fewer messages do not justify a part of the file.
+# Parts with fewer messages are not worth their cost.
 _PART = 256
 _LATEST = 2**64 - 1
 _WRONG_DATA = "data whose checksum is wrong"
@@ -105,7 +110,7 @@ class _Channel:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """The position of a chunk and its message indexes, its times and channels; empty: any."""
+    """The position of a chunk and its message indexes, its times and channels (empty: any)."""
 
     position: int
     end: int
@@ -118,9 +123,9 @@ class _Chunk:
 class _Index:
     """The index of a file's messages: their streams, positions and counts.
 
-    `data_crc` is the checksum of all bytes before the end of the data; None: that is not where the
-    summary states. `flaws` are contradictions to the format in well-formed records, with the bytes
-    lost by each.
+    `data_crc` is the checksum of all bytes before the end of the data; None if the summary states
+    another position of this end. `flaws` are violations of the format in well-formed records, each
+    with the bytes that it loses.
     """
 
     schemas: dict[int, str] = field(default_factory=dict)
@@ -133,9 +138,9 @@ class _Index:
     data_crc: int | None = None
     flaws: Counter[str] = field(default_factory=Counter)
     lost: int = 0
-    """Commits that its recorder lost."""
+    """Number of commits that the recorder lost."""
     store: str = ""
-    """Which store was recorded."""
+    """Id of the recorded store."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -187,7 +192,7 @@ class _Index:
             self.flaws[f"{_NAMES[kind]} within a chunk"] += _HEAD + len(data)
 
     def is_whole(self) -> bool:
-        """Whether it suffices to read the chunks."""
+        """Whether the chunks hold all messages, so that only they need to be read."""
         if (
             self.data_crc is None
             or not self.counts
@@ -235,12 +240,12 @@ class _Fields:
         return self._take(self.number(4)).decode()
 
     def pairs(self) -> dict[int, int]:
-        """A map from ids to numbers."""
+        """Read a map from ids to numbers."""
         data = self._take(self.number(4))
         return dict(_PAIR.iter_unpack(data))
 
     def texts(self) -> dict[str, str]:
-        """A map from texts to texts."""
+        """Read a map from texts to texts."""
         fields, found = _Fields(self._take(self.number(4))), {}
         while fields._at < len(fields._data):
             name = fields.text()
@@ -288,7 +293,7 @@ def _whole(path: Path, file: RawFile) -> Container:
 
 
 def _is_covered(file: RawFile, index: _Index) -> bool:
-    """Whether the data are a header, the summary's chunks, and valid records between them."""
+    """Return whether the data are a header, the summary's chunks, and valid records between."""
     end = index.summary - _DATA_END_SIZE
     places = [(chunk.position, chunk.end) for chunk in index.chunks]
     forbidden = {0, *_KNOWN} - _IN_DATA | {_CHUNK, _DATA_END}
@@ -391,7 +396,7 @@ class _Span:
 def _parts(spans: list[_Span]) -> Iterator[list[_Span]]:
     """Divide a file in its order, so that no part has a message older than an earlier part."""
     firsts = [span.first for span in reversed(spans)]
-    earliest = [*accumulate(firsts, min)][::-1]  # of each chunk and of all later ones
+    earliest = [*accumulate(firsts, min)][::-1]  # earliest times of each chunk and all later ones
     part: list[_Span] = []
     latest = messages = 0
     for span, following in zip(spans, [*earliest, _LATEST][1:], strict=True):
@@ -410,7 +415,7 @@ def _salvaged(path: Path, file: RawFile) -> Container:
             _read_summary(file, summary)
     except (BadDataError, struct.error, UnicodeDecodeError) as error:
         gathered.lose(0, error)
-        index = _Index()  # a damaged summary is used for the positions of chunks only
+        index = _Index()  # only the chunk positions of a damaged summary are used
     _Walk(file, index, gathered).run(summary.chunks, are_sure=index is summary)
     if not _has_end(file) and not gathered.reasons:
         gathered.lose(0, "cut short, its end is missing")
@@ -586,7 +591,7 @@ class _Checksum:
 
 
 def _raw(file: RawFile, chunk: _Chunk, *, is_checked: bool = False) -> bytes | memoryview:
-    """The records of a chunk of the summary, decompressed and verified once."""
+    """Return the records of a chunk of the summary, decompressed and verified once."""
     kind, size = _RECORD.unpack(file.read(chunk.position, _HEAD))
     if kind != _CHUNK:
         raise BadDataError(_no_chunk(chunk.position))
@@ -598,7 +603,7 @@ def _raw(file: RawFile, chunk: _Chunk, *, is_checked: bool = False) -> bytes | m
 
 
 def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, memoryview, int, int]:
-    """Compression, compressed records, their original size and checksum."""
+    """Parse a chunk: compression, compressed records, their original size and checksum."""
     _, _, unpacked, crc = _CHUNK_HEAD.unpack_from(record)
     fields = _Fields(record)
     fields.skip(_CHUNK_HEAD.size)
@@ -747,7 +752,7 @@ class _Walk:
         id_, size = fields.number(2), fields.number(4)
         fields.skip(size)
         if self._last.is_followed and id_ in self._last.indexed:
-            self._last = _LastChunk()  # of a missing chunk
+            self._last = _LastChunk()  # an index without a chunk
         self._last.indexed.add(id_)
         more = size // 16 - self._last.held[id_]
         if more > 0 and not self._last.is_sure:

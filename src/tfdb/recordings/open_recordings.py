@@ -80,7 +80,7 @@ def each_once(given: Paths) -> list[Path]:
 
 
 class OpenRecordings:
-    """Recordings that are read together: `given` in their order, `files` in that of their start.
+    """Recordings that are read together: `given` in the given order, `files` sorted by their start.
 
     A context manager, which closes them. Threads: one.
     """
@@ -120,7 +120,7 @@ class OpenRecordings:
 
     @property
     def count(self) -> int:
-        """How many messages are read."""
+        """Number of messages that are read."""
         return sum(source.messages for source in self.sources)
 
     def read(self, step: Step | None = None) -> Iterator[Run]:
@@ -136,7 +136,7 @@ class OpenRecordings:
         return recording.read(self.choice.wants, self.choice.kind, step)
 
     def rewriter(self, step: Step | None = None, *, one_tree: bool = True) -> Rewriter:
-        """Return what chooses and renames the transforms of all files, for one store.
+        """Return the rewriter that selects and renames the transforms of all files, for one store.
 
         `one_tree`: they are read together, so groups of topics must agree.
 
@@ -158,9 +158,9 @@ class OpenRecordings:
         *,
         one_tree: bool = True,
     ) -> list[Rewriter]:
-        """Return the rewriter of each robot, whose frames are kept apart by a prefix.
+        """Return one rewriter for each robot; each has its own prefix.
 
-        Offsets count from the first and to the last stamp of all. Raises what `rewriter` raises.
+        Offsets refer to the first and last stamp of all robots. Raises the errors of `rewriter`.
         """
         chosen = [self.choice.prefixed(prefix) for prefix, _ in robots]
         if self.choice.needs_survey:
@@ -198,7 +198,7 @@ class OpenRecordings:
     def _survey(
         self, recordings: Sequence[Recording], step: Step | None
     ) -> tuple[RecordedEdges, JointStates | None]:
-        """The edges of recordings under their old names, and the converter of joint states."""
+        """Return the edges of recordings under their old names, and the joint-state converter."""
         choice = self.choice
 
         def filtered() -> Rewriter:
@@ -230,7 +230,7 @@ class OpenRecordings:
         return RecordedEdges.of_store(everything), joints
 
     def _check(self) -> None:
-        """Refuse topics that are missing or not read, and files without any that is."""
+        """Refuse topics that are missing or cannot be read, and files without a readable topic."""
         choice = self.choice
         unit = choice.stamp_unit
         if unit is not None and all(each.rows is None for each in self.given):
@@ -265,7 +265,7 @@ class OpenRecordings:
     def _check_poses(
         self, by_topic: Mapping[str, Source], types: Mapping[str, str], held: str
     ) -> None:
-        """Refuse topics of poses that are missing, or hold none; find that of joint states."""
+        """Refuse pose topics that are missing or hold no poses; find the topic of joint states."""
         for topic, child in self.choice.pose_topics.items():
             source = by_topic.get(topic)
             if topic not in types:
@@ -321,7 +321,7 @@ def survey_edges(
     rewriter: Rewriter,
     step: Step | None = None,
 ) -> RecordedEdges | None:
-    """Return the edges that a rewriter leaves of recordings; None: a store must say."""
+    """Return the edges that a rewriter keeps of recordings; None if only a store can tell."""
     survey = _core.EdgeSurvey()
     for recording in recordings:
         for run in opened.read_one(recording, step):
@@ -331,7 +331,7 @@ def survey_edges(
 
 
 def rewriter_without_survey(choice: Choice) -> Rewriter:
-    """Return the rewriter of a growing file. Raises InvalidArgument for what needs all of it."""
+    """Return the rewriter of a growing file. Refuses options that need the whole file."""
     needed = {
         "frames": choice.frames,
         "keep": choice.keep,
@@ -348,7 +348,7 @@ def rewriter_without_survey(choice: Choice) -> Rewriter:
 
 
 def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
-    """Return the first and the last stamp that are wanted, where stamps run over `found`."""
+    """Return the first and last selected stamp; `found` has the first and last stored one."""
     first = None if choice.start is None else choice.start.resolve(found)
     last = None if choice.end is None else choice.end.resolve(found)
     if choice.keep is not None:
@@ -363,7 +363,7 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
 
 
 def _check_names(choice: Choice, frames: Sequence[str]) -> None:
-    """Refuse new names that others have."""
+    """Refuse new names that other frames have."""
     found: dict[str, str] = {}
     for frame in frames:
         new = choice.prefix + choice.rename.get(frame, frame)

@@ -1,9 +1,10 @@
-"""Messages that hold poses, and are not TFMessages, as transforms; and those of joint states.
+"""Decodes messages with poses that are not TFMessages, and joint states.
 
-Odometry, TransformStamped, PoseStamped, PoseWithCovarianceStamped and Path of ROS 1 and ROS 2;
-FrameTransform, FrameTransforms and PoseInFrame of Foxglove, in protobuf, JSON, and as messages of
-ROS (https://docs.foxglove.dev/docs/visualization/message-schemas/introduction). Fields are read as
-far as they are needed: covariances, twists and efforts are not looked at.
+- Odometry, TransformStamped, PoseStamped, PoseWithCovarianceStamped and Path of ROS 1 and ROS 2
+- Foxglove's FrameTransform, FrameTransforms and PoseInFrame, in protobuf, JSON, and as ROS messages
+  (https://docs.foxglove.dev/docs/visualization/message-schemas/introduction)
+
+Unused fields, such as covariances, twists and efforts, are skipped.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _BROKEN = (
     *(struct.error, ValueError, TypeError, KeyError),
     *(IndexError, OverflowError, RecursionError),
 )
-"""Errors of bytes that are not such a message."""
+"""Errors that invalid bytes cause."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class JointState:
 class Poses:
     """The poses of one message, as transforms.
 
-    `untimed` of them have no timestamp of their own and got that of the reception. `refused` are
-    the errors of members that cannot be read.
+    `untimed` of them have no timestamp and got the receive time. `refused` are the errors of
+    members that cannot be read.
     """
 
     transforms: list[TransformStamped]
@@ -59,9 +60,9 @@ class Poses:
 
 
 def decode_poses(data: bytes, source: Source, child: str | None, received: int) -> Poses:
-    """Decode one message; `child` is the frame of its poses, None: the message names it.
+    """Decode one message. `child` is the frame of its poses; None: the message names it.
 
-    Raises CorruptMessage and InvalidStamp where the message cannot be read, or none of its members.
+    Raises CorruptMessage or InvalidStamp if the message, or each of its members, cannot be read.
     """
     try:
         if source.encoding in ("ros1", "cdr"):
@@ -86,7 +87,7 @@ def decode_poses(data: bytes, source: Source, child: str | None, received: int) 
             refused.append(_corrupt(source, what))
             continue
         stamp, above, named, pose = each
-        # One leading slash, as of every message.
+        # One leading slash is dropped, as in every message.
         parent, of = above.removeprefix("/"), child or named.removeprefix("/")
         if not parent or not of:
             what = f"it names no {'parent' if not parent else 'child'} frame"
@@ -105,7 +106,7 @@ def _corrupt(source: Source, reason: str) -> CorruptMessage:
 
 
 def decode_joint_state(data: bytes, source: Source) -> JointState:
-    """The positions of one sensor_msgs/JointState; raises CorruptMessage and InvalidStamp."""
+    """Return the positions of one sensor_msgs/JointState; raises CorruptMessage, InvalidStamp."""
     try:
         fields = _Fields(data, cdr=source.encoding == "cdr")
         stamp, _ = fields.header()
@@ -126,7 +127,7 @@ def decode_joint_state(data: bytes, source: Source) -> JointState:
 
 
 class _Fields:
-    """Takes the fields of a message of ROS one after the other."""
+    """Reads the fields of a ROS message one after the other."""
 
     def __init__(self, data: bytes, *, cdr: bool) -> None:
         self._data = data
@@ -149,7 +150,7 @@ class _Fields:
         return self._take("d", 8, count)
 
     def count(self, width: int) -> int:
-        """The length of a sequence whose members have so many bytes at least."""
+        """Read the length of a sequence; `least` is the smallest size of a member in bytes."""
         (count,) = self._take("I", 4)
         left = len(self._data) - self._at
         if count * width > left:
@@ -163,7 +164,7 @@ class _Fields:
         return (raw.removesuffix(b"\0") if self._cdr else raw).decode()
 
     def time(self) -> tuple[int, int]:
-        """Seconds and nanoseconds."""
+        """Read a stamp: seconds and nanoseconds."""
         (seconds,), (nanoseconds,) = self._take("i" if self._cdr else "I", 4), self._take("I", 4)
         return seconds, nanoseconds
 
@@ -188,8 +189,7 @@ def _stamp(seconds: int, nanoseconds: int, field: str = "stamp") -> int:
 
 
 _Found: TypeAlias = "Iterator[tuple[int | None, str, str, Floats] | Exception]"
-"""Stamp (None: the message has none), parent, child (empty: the message names none) and pose; or
-why a member cannot be read."""
+"""Stamp (None: missing), parent, child (empty: missing) and pose; or the error of a member."""
 
 
 def _with_child(fields: _Fields) -> _Found:
@@ -204,10 +204,10 @@ def _without_child(fields: _Fields) -> _Found:
 
 
 def _path(fields: _Fields) -> _Found:
-    """The poses of a path: what their own headers leave open, that of the path says."""
+    """Read the poses of a path; empty fields of their headers come from the path's header."""
     of_all, parent = fields.header()
     stamps = set()
-    # A header and a pose take so much at least.
+    # Smallest size of a header and a pose.
     count = fields.count(68)
     for _ in range(count):
         stamp, own = fields.header()
@@ -253,9 +253,9 @@ _ROS: Mapping[str, Callable[[_Fields], _Found]] = {
 
 
 class _Json:
-    """A message of JSON: its fields by name, as Foxglove spells them or protobuf's JSON mapping.
+    """A JSON message: fields by name, as spelled by Foxglove or by protobuf's JSON mapping.
 
-    Fields that are missing or null have their defaults, as in that mapping. Errors name the field.
+    Missing and null fields have their defaults, as in that mapping. Errors name the field.
     """
 
     def __init__(self, found: Any, where: str) -> None:
@@ -309,7 +309,7 @@ class _Json:
 
     def _double(self, name: str) -> float:
         value = self._get(name)
-        # Protobuf's mapping has numbers that JSON lacks as texts, such as "NaN".
+        # Protobuf's mapping writes numbers that JSON lacks as text, such as "NaN".
         if not isinstance(value, int | float | str | None) or isinstance(value, bool):
             raise TypeError(f"{self._prefix}{name} is not a number")
         try:
@@ -319,7 +319,7 @@ class _Json:
 
 
 def _integer(value: Any, field: str) -> int:
-    """An integer of JSON, or its text, as protobuf's mapping has those of 64 bits."""
+    """Read a JSON integer, or its text: protobuf's mapping writes 64-bit integers as text."""
     if isinstance(value, str) and _INTEGER.fullmatch(value):
         return int(value)
     if not isinstance(value, int) or isinstance(value, bool):
@@ -328,7 +328,7 @@ def _integer(value: Any, field: str) -> int:
 
 
 class _Protobuf:
-    """A message of protobuf: its fields by number (https://protobuf.dev/programming-guides/encoding)."""
+    """A protobuf message: fields by number (https://protobuf.dev/programming-guides/encoding)."""
 
     def __init__(self, data: bytes) -> None:
         self._found: dict[int, list[Any]] = {}

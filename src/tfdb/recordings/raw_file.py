@@ -1,7 +1,7 @@
-"""Bytes of recordings: read by position, unpacked within bounds.
+"""Reads bytes of recordings by position, and decompresses them within limits.
 
-Nothing here trusts a number that it reads: no read goes beyond the end of the file, nothing unpacks
-to more than its record declares, and no record may declare more than `MAX_CHUNK`.
+Numbers in a file are not trusted. No read goes beyond the end of the file. No decompression
+produces more than its record declares, and no record may declare more than `MAX_CHUNK`.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 ZSTD = b"\x28\xb5\x2f\xfd"
-"""How a zstd frame begins."""
+"""The first bytes of a zstd frame."""
 MAX_CHUNK = 256 * 2**20
-"""The most bytes that one record or chunk may hold, packed or unpacked; a program that trusts its
-recordings may raise it."""
+"""Largest size in bytes of a record or chunk, compressed or not. Programs that trust their
+recordings may increase it."""
 MAX_MESSAGE = 64 * 2**20
-"""The most bytes of one message that is packed by itself."""
+"""Largest size in bytes of a message that is compressed by itself."""
 
 _PIECE = 65536
 
 Packed: TypeAlias = bytes | memoryview
-"""What is not packed at all is unpacked as it is, without a copy."""
+"""Returns uncompressed data unchanged, without a copy."""
 
 
 class BadDataError(Exception):
-    """The bytes are not what their format says."""
+    """The bytes violate their format."""
 
 
 class BrokenChunkError(BadDataError):
-    """The records of an unpacked chunk end at `at`, where something else begins."""
+    """The records of a decompressed chunk end at `at`; invalid bytes follow."""
 
     def __init__(self, reason: object, at: int) -> None:
         super().__init__(str(reason))
@@ -42,21 +42,21 @@ class BrokenChunkError(BadDataError):
 
 
 class RawFile:
-    """A file that is read by position. Any number of threads; `close` is the last call."""
+    """A file that is read by position, in any number of threads; `close` is the last call."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         self.size: int = os.fstat(self._descriptor).st_size
 
     def look_again(self) -> None:
-        """Take in how much the file has grown; raises `BadDataError` where it has shrunk."""
+        """Update the size of a growing file; raises `BadDataError` if it has shrunk."""
         size = os.fstat(self._descriptor).st_size
         if size < self.size:
             raise BadDataError(f"it shrank from {self.size} to {size} bytes while it was followed")
         self.size = size
 
     def read(self, at: int, count: int) -> bytes:
-        """Give the bytes from a position on; raises `BadDataError` where the file has fewer."""
+        """Return bytes from a position on; raises `BadDataError` if the file has fewer."""
         check_size(count)
         if at < 0 or at + count > self.size:
             raise BadDataError(f"{count} bytes at {at} go beyond the end of the file, {self.size}")
@@ -66,14 +66,14 @@ class RawFile:
         return data
 
     def close(self) -> None:
-        """Close the file; again is fine."""
+        """Close the file. A second call does nothing."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
 
 
 def check_size(size: int) -> None:
-    """Refuse what declares more than `MAX_CHUNK` bytes."""
+    """Refuse a declared size above `MAX_CHUNK`."""
     if size > MAX_CHUNK:
         limit = f"the limit of {MAX_CHUNK} (tfdb.recordings.raw_file.MAX_CHUNK)"
         raise BadDataError(f"a record of {size} bytes, above {limit}")
@@ -84,9 +84,9 @@ def unpack(packing: str, packed: bytes, size: int) -> bytes: ...
 @overload
 def unpack(packing: str, packed: memoryview, size: int) -> Packed: ...
 def unpack(packing: str, packed: Packed, size: int) -> Packed:
-    """Give the `size` bytes of a chunk; `packing` is empty, `bz2`, `lz4` or `zstd`.
+    """Return the `size` bytes of a chunk; `packing` is empty, `bz2`, `lz4` or `zstd`.
 
-    Raises `BadDataError` if there are fewer or more, which are not unpacked.
+    Raises `BadDataError` for another size; bytes beyond `size` are not decompressed.
     """
     check_size(size)
     raw: Packed = packed
@@ -105,9 +105,9 @@ def unpack(packing: str, packed: Packed, size: int) -> Packed:
 
 
 def _one_frame(packed: Packed, size: int) -> bytes | None:
-    """The bytes of one zstd frame that declares this very size, without a copy in between.
+    """Return the bytes of one zstd frame that declares exactly this size, without a copy.
 
-    None for anything else, be it good or bad.
+    None for any other data, valid or not.
     """
     zstd = _zstd()
     unpacker = zstd.ZstdDecompressor()
@@ -125,7 +125,7 @@ def unpack_the_start(packing: str, packed: bytes, size: int) -> bytes: ...
 @overload
 def unpack_the_start(packing: str, packed: memoryview, size: int) -> Packed: ...
 def unpack_the_start(packing: str, packed: Packed, size: int) -> Packed:
-    """Give as many of a damaged or cut chunk's `size` bytes as can be had."""
+    """Return as many of the `size` bytes of a damaged or cut chunk as possible."""
     if not packing or size > MAX_CHUNK:
         return packed[: 0 if packing else size]
     reader, broken = _open(packing, packed)
@@ -135,12 +135,12 @@ def unpack_the_start(packing: str, packed: Packed, size: int) -> Packed:
             pieces.append(piece)
             size -= len(piece)
     except broken:
-        pass  # what came before is what was asked for
+        pass  # the bytes before the error are the result
     return b"".join(pieces)
 
 
 def unpack_message(packed: bytes) -> bytes:
-    """Give the bytes of one message that is a zstd frame."""
+    """Return the bytes of one message that is a zstd frame."""
     zstd = _zstd()
     unpacker = zstd.ZstdDecompressor()
     try:
@@ -148,7 +148,7 @@ def unpack_message(packed: bytes) -> bytes:
     except zstd.ZstdError as error:
         raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
     if len(raw) > MAX_MESSAGE:
-        del raw  # errors that are kept keep the variables of where they were raised
+        del raw  # a stored error keeps the variables of its traceback alive
         raise BadDataError(f"a message unpacks to more than the limit of {MAX_MESSAGE} bytes")
     if not unpacker.eof or unpacker.unused_data:
         raise BadDataError("its zstd does not unpack: it is not one whole frame")
@@ -156,10 +156,10 @@ def unpack_message(packed: bytes) -> bytes:
 
 
 def unpack_file(path: Path, target: Path, *, salvage: bool = False) -> str:
-    """Unpack a file that is zstd as a whole; with `salvage`, as far as it goes.
+    """Decompress a file that is one zstd frame; with `salvage`, as far as possible.
 
-    Returns why not all of it was unpacked; empty: it was. Raises `BadDataError` if it is not zstd
-    or grows beyond `MAX_CHUNK` and a hundred times its size.
+    Returns the reason why a part is missing; empty if the file is complete. Raises `BadDataError`
+    if it is not zstd, or grows beyond `MAX_CHUNK` and a hundred times its size.
     """
     room = MAX_CHUNK + 100 * path.stat().st_size
     with path.open("rb") as packed, target.open("wb") as out:
@@ -179,7 +179,7 @@ def unpack_file(path: Path, target: Path, *, salvage: bool = False) -> str:
 
 
 def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exception], ...]]:
-    """A reader, and the errors by which the library says that the data are broken."""
+    """Return a reader, and the errors that its library raises for damaged data."""
     stream = io.BytesIO(packed) if isinstance(packed, bytes | memoryview) else packed
     if packing == "bz2":
         return bz2.open(stream), (OSError, EOFError, ValueError)
@@ -194,7 +194,7 @@ def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exc
 
 
 def _zstd() -> Any:
-    """The module of the standard library, or what brings it to those before 3.14."""
+    """Return the zstd module of the standard library; before Python 3.14, its backport."""
     if sys.version_info >= (3, 14):
         from compression import zstd  # noqa: PLC0415 - only what is packed needs it
     else:

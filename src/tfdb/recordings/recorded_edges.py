@@ -25,9 +25,9 @@ class RecordedEdges:
     frames
         The frames, sorted.
     parents
-        Every parent that each child frame ever had.
+        All parents that each child frame had.
     span
-        First and last stamp of all that moves, nanoseconds; None: nothing does.
+        First and last stamp of the moving edges, nanoseconds; None without moving edges.
     """
 
     frames: list[str]
@@ -36,7 +36,7 @@ class RecordedEdges:
 
     @classmethod
     def of_survey(cls, edges: Surveyed) -> Self:
-        """Return those that a `_core.EdgeSurvey` found."""
+        """Return the edges that a `_core.EdgeSurvey` found."""
         frames = sorted({*edges, *(parent for parent, _ in edges.values())})
         moving = [stamps for _, stamps in edges.values() if stamps is not None]
         ends = (min(a for a, _ in moving), max(b for _, b in moving)) if moving else None
@@ -44,7 +44,7 @@ class RecordedEdges:
 
     @classmethod
     def of_store(cls, store: Buffer) -> Self:
-        """Return those of a store that has everything."""
+        """Return the edges of a store that keeps everything."""
         infos = store.tree()
         parents: dict[str, set[str]] = {}
         for info in infos:
@@ -57,7 +57,7 @@ class RecordedEdges:
     def between(self, frames: Iterable[str]) -> frozenset[str]:
         """Return the children of the edges on the paths between frames, at any time.
 
-        Of a tree in which only one of them lies: those on its path to the root.
+        In a tree with only one of the frames: the edges on its path to the root.
         """
         above = {frame: self._up(frame) for frame in frames if frame in self.frames}
         kept: set[str] = set()
@@ -70,12 +70,12 @@ class RecordedEdges:
         return frozenset(kept)
 
     def _is_unsure(self, child: str, ours: set[str]) -> bool:
-        """Whether a frame below had several parents, so that paths may have gone over this edge."""
+        """Return whether a descendant had several parents, so that paths may include this edge."""
         below = (each for each in ours if len(self.parents.get(each, ())) > 1)
         return any(child in self._up(each) for each in below)
 
     def _up(self, frame: str) -> set[str]:
-        """A frame and all that were ever above it."""
+        """Return a frame and all its ancestors at any time."""
         found, waiting = {frame}, [frame]
         while waiting:
             fresh = self.parents.get(waiting.pop(), set()) - found

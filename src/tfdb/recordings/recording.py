@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     PathLike: TypeAlias = str | os.PathLike[str]
 
-# Long enough to store fast, short enough that progress and Ctrl-C come through.
+# Long enough for fast storing, short enough for progress and Ctrl-C.
 MAX_RUN = 4096
 
 
@@ -51,22 +51,22 @@ class Run:
 
     @property
     def source(self) -> Source:
-        """Of the first message."""
+        """Source of the first message."""
         return self.sources[self.messages[self.first][1]]
 
     @property
     def authorities(self) -> dict[int, str]:
-        """The authority of each source, by its number."""
+        """Authority of each source, by its number."""
         return {number: source.authority for number, source in self.sources.items()}
 
     @property
     def start(self) -> int:
-        """When the first message was received, nanoseconds."""
+        """Receive time of the first message, nanoseconds."""
         return self.messages[self.first][0]
 
     @property
     def end(self) -> int:
-        """When the last one was."""
+        """Receive time of the last message, nanoseconds."""
         return self.messages[self.last - 1][0]
 
 
@@ -151,11 +151,11 @@ class Recording(Closable):
     def messages(
         self, wanted: Callable[[Source], bool] | None = None, since: int = 0
     ) -> Iterator[tuple[Source, int, bytes]]:
-        """Source, time of reception (ns) and raw bytes of each TFMessage, in order of reception.
+        """Yield source, receive time (ns) and bytes of each TFMessage, sorted by receive time.
 
         `wanted` selects sources; None: those of transforms. `since` is the earliest receive time;
-        the index lets earlier chunks be skipped. Raises `RecordingError` at damage, which may be
-        after some messages.
+        with an index, earlier chunks are skipped. Raises `RecordingError` if the file is damaged,
+        possibly after some messages.
         """
         return self._container.messages(wanted or _is_tf, since)
 
@@ -165,7 +165,7 @@ class Recording(Closable):
         kind: Callable[[Source], object] | None = None,
         step: Callable[[int], None] | None = None,
     ) -> Iterator[Run]:
-        """All messages in runs. Raises `RecordingError` before the first run if there is damage.
+        """Return all messages in runs. Raises `RecordingError` before the first run at damage.
 
         The runs are read lazily: keep the recording open and the file unchanged. A run ends where
         `kind` of the source changes (by default its topic), and between transforms and other
@@ -186,7 +186,7 @@ def runs_of(
     wanted: Callable[[Source], bool],
     kind: Callable[[Source], object],
 ) -> Iterator[Run]:
-    """Divide messages as `Recording.read` says."""
+    """Divide messages into the runs of `Recording.read`."""
     numbers: dict[object, int] = {}
     kinds = {
         id_: numbers.setdefault((source.is_tf, kind(source)), len(numbers))
@@ -206,7 +206,7 @@ def _topic(source: Source) -> str:
 
 
 def _ignore(_: int) -> None:
-    """Nothing is counted."""
+    """Count nothing."""
 
 
 _OPENERS = {

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 _TOGETHER = 1024
-"""So many messages that are written one by one go into the file together."""
+"""Number of single messages that are collected and written together."""
 
 
 class RecordingWriter:
     """Writes messages of transforms to a new recording. Not for several threads at once.
 
-    A context manager: at the end of the block the file appears under its name, after an exception
-    it does not.
+    It is a context manager. The file appears under its name at the end of the block, but not after
+    an exception.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class RecordingWriter:
 
     @property
     def encoding(self) -> Encoding:
-        """How the messages of this kind of file are encoded."""
+        """Encoding of the messages in this file format."""
         return "ros1" if self._path.suffix == ".bag" else "cdr"
 
     def __enter__(self) -> Self:
@@ -87,7 +87,7 @@ class RecordingWriter:
     def write(
         self, data: bytes, received: int, *, topic: str, static: bool = False, authority: str = ""
     ) -> None:
-        """Append one TFMessage, encoded as `encoding` says, received at a stamp (ns).
+        """Append one TFMessage in the encoding `encoding`, received at a stamp (ns).
 
         Raises InvalidStamp for a time outside 0 to 2**64 - 1 ns.
         """

@@ -64,11 +64,11 @@ class Rewriter:
         self._selection = _core.Selection(self._rules.edge, *map(_as_stamp, window))
         self.joints = joints
         self.refusals: list[TfdbError] = []
-        """Errors of messages of which nothing is left."""
+        """Errors of messages without a valid transform."""
         self.refused_members: list[TfdbError] = []
-        """Errors of transforms of which the rest of the message is left."""
+        """Errors of transforms whose message has other, valid transforms."""
         self.is_idle: bool = choice.is_idle
-        # Of messages that are rewritten here; `_selection` counts the others.
+        # Counts of messages that are rewritten in Python; `_selection` counts the others.
         self._names: dict[str, str] = {}
         self._left_out = 0
         self._moving = 0
@@ -77,7 +77,7 @@ class Rewriter:
 
     @property
     def shift(self) -> int:
-        """Nanoseconds that are added to the stamps of moving transforms, behind the window."""
+        """Nanoseconds to add to the stamps of moving transforms, after the selection by time."""
         return self._selection.shift
 
     @shift.setter
@@ -177,7 +177,7 @@ class Rewriter:
         return _core.recorded_children(*part, encoding=encoding, static=static, **chosen)
 
     def _part(self, run: Run, *, static: bool) -> tuple[tuple[Recorded, int, int], _Chosen]:
-        """Messages of transforms, and their selection."""
+        """Return a run of messages with transforms, and its selection."""
         if not run.source.is_tf:
             made = self._made(run, static=static)
             return (made, 0, len(made)), {"selection": None, "rules": {}}
@@ -188,7 +188,7 @@ class Rewriter:
         return part, {"selection": self._selection, "rules": rules}
 
     def _made(self, run: Run, *, static: bool) -> Recorded:
-        """The wanted part of other messages, as messages of transforms."""
+        """Convert the wanted part of other messages to messages with transforms."""
         made = _core.Recorded()
         for received, id_, _, left in self.remaining(run, static=static):
             encoded = self.encoded(left, OTHERS) if left else None
@@ -199,7 +199,7 @@ class Rewriter:
     def remaining(
         self, run: Run, *, static: bool
     ) -> Iterator[tuple[int, int, int, list[TransformStamped]]]:
-        """Yield for each message its reception, source, count of transforms, and those kept.
+        """Yield receive time, source, number of transforms and kept transforms of each message.
 
         The error of a message that cannot be read is added to `refusals`.
         """
@@ -216,9 +216,10 @@ class Rewriter:
     def encoded(
         self, transforms: Sequence[TransformStamped], encoding: str
     ) -> tuple[bytes, int] | None:
-        """A TFMessage of those transforms that have a place in one, and how many; None: none has.
+        """Encode transforms as a TFMessage; return it with their number. None if none is valid.
 
-        The errors of the others are added to `refused_members`, or that of all to `refusals`.
+        The errors of invalid transforms are added to `refused_members`; without a valid one, the
+        first error is added to `refusals`.
         """
         try:
             return _core.encode_tf_message(transforms, encoding), len(transforms)
@@ -243,10 +244,10 @@ class Rewriter:
     def decoded(
         self, data: bytes, source: Source, received: int, *, static: bool
     ) -> list[TransformStamped]:
-        """The transforms of one message; one that cannot be read is added to `refused_members`.
+        """Decode the transforms of one message; errors of members are added to `refused_members`.
 
-        Raises CorruptMessage, or the first one's error if none can be read, with all of them in
-        `refused`. Those without a timestamp have that of the reception, `received`.
+        Raises CorruptMessage, or the first error if no member can be read, with all errors in
+        `refused`. Transforms without a timestamp get the receive time `received`.
         """
         given = self._decoded(data, source, received, static=static)
         space = self.space(source)
@@ -260,15 +261,15 @@ class Rewriter:
         ]
 
     def space(self, source: Source) -> str:
-        """The prefix that `by_namespace` gives to the frames of a topic."""
+        """Return the prefix that `by_namespace` gives to the frames of a topic."""
         return self._rules.space(source)
 
     def old_name(self, frame: str) -> str:
-        """The name in the recording of a frame that was loaded."""
+        """Return the name that a loaded frame has in the recording."""
         return next((old for old, new in self._loaded().items() if new == frame), frame)
 
     def _loaded(self) -> dict[str, str]:
-        """The new names of frames that were loaded, by their old ones, where frames are renamed."""
+        """Return the new names of loaded frames by their old ones; empty without renaming."""
         names = dict(self._names)
         for edge in self._selection.kept() if self._choice.renames else ():
             frames = [each for each in self._rules.frames(*edge) if each and each.isprintable()]
@@ -280,7 +281,7 @@ class Rewriter:
         return self._with(self._choice)
 
     def without_names(self) -> Rewriter:
-        """Make a rewriter that skips the same, and keeps all names."""
+        """Make a rewriter with the same selection that keeps all names."""
         return self._with(self._choice.without_names())
 
     def _with(self, choice: Choice) -> Rewriter:
@@ -318,24 +319,24 @@ class Rewriter:
 
     @property
     def model_name(self) -> str:
-        """The authority of the fixed joints."""
+        """Return the authority of the fixed joints."""
         return "urdf"
 
     def fixed_joints(self) -> list[TransformStamped]:
-        """The static transforms of the robot's model that are wanted."""
+        """Return the wanted static transforms of the robot's model."""
         if self.joints is None:
             return []
         source = Source(self.model_name, OTHERS, self.model_name, 0)
         return self.transforms(self.joints.fixed, source, static=True)
 
     def joints_report(self) -> JointReport | None:
-        """How many joint states were used and refused; None without a model."""
+        """Return the counts of used and refused joint states; None without a model."""
         return None if self.joints is None else self.joints.report()
 
     def transforms(
         self, given: Sequence[TransformStamped], source: Source, *, static: bool
     ) -> list[TransformStamped]:
-        """The wanted transforms of one message."""
+        """Return the wanted transforms of one message."""
         if self.is_idle:
             return list(given)
         is_out = self._rules.excludes_source(source)
@@ -399,23 +400,23 @@ class Rewriter:
             raise UnknownFrame(text, frame=frame)
 
     def _known(self) -> set[str]:
-        """The old names of all frames seen, for error texts."""
+        """Return the old names of all seen frames, for error texts."""
         found = self._loaded().keys() | self._rules.seen
         return {each for each in found if each and each.isprintable()}
 
     def _left_out_names(self) -> list[str]:
-        """The frames to be renamed that were skipped."""
+        """Return the frames to rename that were left out."""
         return sorted((self._choice.rename.keys() & self._known()) - self._loaded().keys())
 
     def reason(self) -> str:
-        """The reason why no transform is left."""
+        """Return why no transform is left."""
         one = self.left_out == 1
         what = "the only transform is" if one else f"all {self.left_out:,} transforms are"
         count = f"{what} left out by {self._choice.limits}"
         return f"{count}: nothing moves {self._described()}" if self._all_outside() else count
 
     def _all_outside(self) -> tuple[int, int] | None:
-        """The first and last moving stamp that only the time window left out."""
+        """Return the first and last moving stamp that only the time window left out."""
         found = [ends for ends in (self._outside, self._selection.outside) if ends is not None]
         return (min(a for a, _ in found), max(b for _, b in found)) if found else None
 
@@ -462,5 +463,5 @@ def describe_untimed(topic: str, count: int) -> str:
 
 
 def _as_stamp(time: int | None) -> int | None:
-    """A time in the range of stamps that the core compares."""
+    """Limit a time to the range of stamps that the core compares."""
     return None if time is None else max(-(2**63), min(time, 2**63 - 1))

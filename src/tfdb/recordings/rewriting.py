@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 class Written:
     """Counts of what was written.
 
-    `skipped` messages cannot be written, `left_out` messages have no wanted transform. `refused`
-    transforms of the other messages cannot be written.
+    `skipped`: messages that cannot be written. `left_out`: messages without a wanted transform.
+    `refused`: transforms of other messages that cannot be written.
     """
 
     messages: int = 0
@@ -45,14 +45,14 @@ class Written:
 
 
 class Rewriting:
-    """Takes chosen messages to a writer. Threads: one.
+    """Passes selected messages to a writer. Threads: one.
 
     Parameters
     ----------
     writer
-        Of the new recording.
+        The writer of the new recording.
     choice
-        What is read; it gives topics new names.
+        The selection, which may rename topics.
     """
 
     def __init__(self, writer: RecordingWriter, choice: Choice) -> None:
@@ -75,7 +75,7 @@ class Rewriting:
         )
 
     def write_fixed_joints(self, rewriters: Iterable[Rewriter], at: int) -> None:
-        """Write the static transforms of robots' models as received at a time."""
+        """Write the static transforms of robot models with the given receive time."""
         for rewriter in rewriters:
             fixed = rewriter.fixed_joints()
             if fixed:
@@ -110,7 +110,7 @@ class Rewriting:
     def _rewrite_others(
         self, run: Run, rewriter: Rewriter, out: _core.Recorded, *, static: bool
     ) -> None:
-        """Do it for messages that are not TFMessages."""
+        """Yield the wanted part of messages that are not TFMessages."""
         written = self._others
         refused, skipped = len(rewriter.refused_members), len(rewriter.refusals)
         for received, id_, given, left in rewriter.remaining(run, static=static):
@@ -175,11 +175,11 @@ def merged(streams: Sequence[Iterator[_core.Recorded]]) -> Iterator[_core.Record
 
 
 def _topic_of(source: Source, topics: Mapping[str, str], *, static: bool) -> str:
-    """The topic on which the transforms of a source are written."""
+    """Return the topic on which the transforms of a source are written."""
     if not source.holds_transforms:
         return topics.get("/tf", "/tf")
     topic = absolute(source.topic)
     if topic in topics or source.is_tf:
         return topics.get(topic, topic)
-    # As tf names its topics: by these names the transforms are moving or static.
+    # The names of tf's topics: by them transforms are moving or static.
     return f"{topic.rpartition('/')[0]}/{'tf_static' if static else 'tf'}"

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from .selected import Selected
 
 OTHERS: Literal["ros1"] = "ros1"
-"""How transforms are encoded that come from messages of other kinds."""
+"""Encoding of transforms from messages that are not TFMessages."""
 ROLES = ("tf", "tf_static")
-"""The last part of a topic's name; by it transforms are moving or static."""
+"""The last part of a topic's name, which decides whether transforms are moving or static."""
 
 
 def _option(metavar: str, text: str) -> dict[str, str]:
@@ -49,11 +49,11 @@ class Selection:
     Parameters
     ----------
     topics
-        Topics to read; None: every topic of transforms (TFMessage, and Foxglove's FrameTransform
+        Topics to read; None: all topics with transforms (TFMessage, and Foxglove's FrameTransform
         and FrameTransforms). A mapping renames them, as in
         `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
-        `tf_static`. Transforms are static if the last part of the topic's name is `tf_static`;
-        Foxglove's, if the name ends in `_static`.
+        `tf_static`. TFMessages are static if the last part of the topic's name is `tf_static`.
+        Foxglove's transforms are static if the name ends in `_static`.
     start, end
         First and last stamp of the moving transforms to read: nanoseconds, or text as on the
         command line. Text is in seconds (`"1700000012.5"`), in nanoseconds
@@ -67,9 +67,9 @@ class Selection:
         Read only the edges on the paths between these frames. In a tree with only one of them:
         the edges on its path to the root.
     exclude
-        Frames, topics or publishing nodes to skip; `*` stands for any letters, `?` for one. A frame
-        stands for all edges from and to it, and frames below it become a tree of their own.
-        `frames` looks for paths without them. `"/tf_static:base_link"` is one edge on one topic,
+        Frames, topics or publishing nodes to skip; `*` stands for any letters, `?` for one. The
+        name of a frame skips all its edges, so the frames below it become a separate tree. `frames`
+        looks for paths without skipped edges. `"/tf_static:base_link"` skips one edge on one topic,
         named by its child frame.
     rename
         New frame names by the old ones, as in `{"map": "world"}`. `frames` and `exclude` use the
@@ -95,12 +95,12 @@ class Selection:
         `/robot1/tf_static`, `tf_old/` for `/tf_old`, none for `/tf`. Topics of poses get the prefix
         of their namespace. The other options use the prefixed names. Not with `urdf`.
     mix
-        Load all topics and files into one tree, although they disagree on an edge. At one stamp the
+        Load all topics and files into one tree, even if they disagree on an edge. At one stamp the
         last sample counts; lookups interpolate between samples of different sources.
     salvage
         Read damaged, cut and unindexed files as far as possible, and bag folders without their
-        missing files; the report lists the losses. Rows of trajectories are sorted by their stamps,
-        and skipped without a valid stamp or pose.
+        missing files; the report lists the losses. Rows of trajectories are sorted by their stamps.
+        Rows without a valid stamp or pose are skipped.
 
     Raises
     ------
@@ -200,12 +200,12 @@ class Selection:
 
     @cached_property
     def choice(self) -> Choice:
-        """The same values, each in one form."""
+        """The values in their normal form."""
         return Choice(self)
 
 
 def selected(function: Callable[..., Any], options: Selected) -> Selection:
-    """Make the selection of a function's `**options`. Raises TypeError for names of others."""
+    """Make the selection from a function's `**options`. Raises TypeError for unknown names."""
     unknown = [name for name in options if name not in Selection.__dataclass_fields__]
     if unknown:
         from tfdb.data.signatures import describe_misfit, read_signature  # noqa: PLC0415 - rare
@@ -217,7 +217,7 @@ def selected(function: Callable[..., Any], options: Selected) -> Selection:
 
 
 class Choice:
-    """A `Selection` with each value in one form. Raises what that raises."""
+    """A `Selection` with its values in normal form. Raises the errors of `Selection`."""
 
     def __init__(self, given: Selection) -> None:
         self.salvage: bool = check_flag("salvage", given.salvage)
@@ -264,7 +264,7 @@ class Choice:
 
     @property
     def reads_others(self) -> bool:
-        """Whether other messages than transforms are read."""
+        """Whether messages other than transforms are read."""
         return bool(self.pose_topics or self.model)
 
     @property
@@ -312,17 +312,17 @@ class Choice:
 
     @property
     def renames(self) -> bool:
-        """Whether frames get other names than those that `by_namespace` gives them."""
+        """Whether frames are renamed, apart from the prefixes of `by_namespace`."""
         return bool(self.rename or self.prefix)
 
     @property
     def is_idle(self) -> bool:
-        """Whether all transforms of the topics are kept, under their names."""
+        """Whether all transforms of the topics are kept under their names."""
         return not (self.limits or self.renames or self.by_namespace)
 
     @property
     def key(self) -> str:
-        """A text that equal choices share; empty for the choice of everything."""
+        """A text that identifies the choice; empty for the default choice."""
         others = _in_words(
             rename=sorted(self.rename.items()),
             prefix=self.prefix,
@@ -339,22 +339,22 @@ class Choice:
 
     @property
     def needs_survey(self) -> bool:
-        """Whether the recordings must be read once before."""
+        """Whether the recordings must first be read once."""
         offsets = any(time is not None and time.since for time in (self.start, self.end))
         return bool(offsets or self.keep or self.frames or self.rename or self.model)
 
     def without_names(self) -> Choice:
-        """Skip the same, and keep all names."""
+        """Make the same choice without new names."""
         return self._but(prefix="", rename={})
 
     def of_origins(self) -> Choice:
-        """Keep only the fields that decide about the origin of a transform."""
+        """Keep only the fields that select transforms by their origin."""
         everything = Choice(Selection())
         kept = ("exclude", "pose_topics", "by_namespace", "roles")
         return everything._but(**{name: getattr(self, name) for name in kept})
 
     def prefixed(self, prefix: str) -> Choice:
-        """Give frames another prefix."""
+        """Make the same choice with another prefix."""
         return self._but(prefix=_prefix(prefix))
 
     def _but(self, **values: Any) -> Choice:
@@ -365,7 +365,7 @@ class Choice:
 
 
 def _in_words(**values: object) -> str:
-    """List the values that are given, with their names."""
+    """List the given values with their names."""
     return ", ".join(f"{name}={value!r}" for name, value in values.items() if value)
 
 

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 def way_on(error: str, frame: str, topics: Mapping[str, bool]) -> str:
     """Return the message of a StaticConflict with the options of loading instead of its advice.
 
-    The advice of the store is for a program that writes. `frame` is the child as the recording
-    calls it, `topics` says of each topic that was read whether it is static.
+    The store's advice is for a program that writes. `frame` is the child's name in the recording.
+    `topics` maps each topic that was read to whether it is static.
     """
     what = error.rpartition(": remove frame ")[0] or error
     static = [name for name, is_static in topics.items() if is_static]

@@ -5,7 +5,7 @@ from __future__ import annotations
 STATE = "/tfdb/state"
 """A topic that files of tfdb.Recorder have: the first message of each file is the newest state."""
 STORE = "tfdb.store"
-"""Of the metadata of that topic: which store was recorded, as hexadecimal digits."""
+"""Key in that topic's metadata: id of the recorded store, in hexadecimal digits."""
 LOST = "tfdb.lost"
 """The metadata of commits that a tfdb.Recorder did not record."""
 

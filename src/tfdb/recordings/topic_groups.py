@@ -1,9 +1,9 @@
-"""Which sources of a recording belong together, and the edges on which sources disagree.
+"""Groups the topics of recordings, and finds edges on which groups or files disagree.
 
-`/tf` and `/tf_static` of one namespace are one group of topics. Every other topic is a group of its
-own, with the topic that is called the same and ends in `_static`. What one file has of a group is a
-part. Groups agree on an edge if one repeats samples of the other. Parts of one group agree unless
-they contradict each other, so recordings that follow one another agree.
+`/tf` and `/tf_static` of one namespace form one group of topics. Every other topic is a group of
+its own, together with the topic of the same name plus `_static`. The messages of a group in one
+file are a part. Two groups agree on an edge if one repeats samples of the other. Parts of one group
+agree unless they contradict each other, so consecutive recordings agree.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ if TYPE_CHECKING:
     Kind: TypeAlias = Callable[[Source], tuple[str, bool]]
 
 _KEPT = 10.0
-"""A relayed sample of a growing recording may come so many seconds after the newest."""
+"""In a growing recording: seconds that a relayed sample may be older than the newest."""
 _LISTED = 5
-"""An error lists at most so many groups, and so many frames."""
+"""Largest number of groups, and of frames, in an error."""
 _ROUNDING = 1e-6
-"""Metres, and parts of a unit quaternion, by which printing moves a transform at most."""
+"""Largest change of a transform by rounding of printed digits: metres, quaternion parts."""
 _FLOAT32 = 2.0**-23
-"""The part of a number by which rounding to 32 bits may move it."""
+"""Largest relative change of a number by rounding to 32 bits."""
 _NEAR = 10
-"""So many samples before and after an overlap tell how far an edge moves between samples."""
+"""Number of samples before and after an overlap from which an edge's usual step is computed."""
 _STEPS = 2.0
-"""A sample may be so many steps of its edge away from the samples before and after it."""
+"""Largest distance of a sample from its neighbours, in usual steps of its edge."""
 _SHARE = 0.1
-"""Sources contradict each other if more than this part of alternating samples is further away."""
+"""Sources contradict each other if a larger share of alternating samples is further away."""
 
 
 def group_of(source: Source) -> str:
@@ -67,7 +67,7 @@ def spelling_of(source: Source) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What one file has of one group of topics, under one spelling of its name."""
+    """The messages of one group of topics in one file, under one spelling of its name."""
 
     recording: Recording
     group: str
@@ -79,12 +79,12 @@ class Part:
     """Parent and pose of each static child frame."""
 
     def holds(self, source: Source) -> bool:
-        """Return whether a source of its recording is in it."""
+        """Return whether a source of the recording is in this part."""
         return spelling_of(source) == self.spelling
 
 
 class Survey:
-    """Compares the sources of recordings. One part costs nothing. Threads: one.
+    """Compares the sources of recordings. A single part is not read. Threads: one.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Survey:
     kind
         That of a `Selection`.
     rewriter
-        Drops what is not wanted and keeps all names, or adds the prefixes of the groups alone.
+        Drops unwanted transforms. Keeps all names, or adds only the prefixes of the groups.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Survey:
 
     @cached_property
     def _bare_parts(self) -> list[Part]:
-        """The parts, of which nothing is read."""
+        """List the parts, without reading them."""
         found: dict[tuple[int, str], Part] = {}
         for number, recording in enumerate(self._recordings):
             for source in filter(self._wanted, recording.all_sources):
@@ -186,7 +186,7 @@ class Survey:
 
     @cached_property
     def _parts(self) -> list[Part]:
-        """The parts, with the frames of each."""
+        """List the parts, with the frames of each."""
         for recording in self._recordings:
             mine = {part.spelling: part for part in self._bare_parts if part.recording is recording}
             self._read(recording, mine)
@@ -215,7 +215,7 @@ class Survey:
                     parts[spelling].fixed[info.name] = info.parent, pose
 
     def _stored(self, parts: Sequence[Part]) -> Buffer:
-        """Store what parts have."""
+        """Store the transforms of parts."""
         store: Buffer = _core.Buffer(history=None)
         for recording in self._recordings:
             mine = [part for part in parts if part.recording is recording]
@@ -235,7 +235,7 @@ class Watch:
     The first part that states the parent of a frame owns the edge. Another group agrees if its
     samples are among those that the owner has sent until then. Threads: one.
 
-    `rewriter` drops what is not wanted and keeps all names.
+    `rewriter` drops unwanted transforms and keeps all names.
     """
 
     def __init__(self, path: str, rewriter: Rewriter) -> None:
@@ -246,7 +246,7 @@ class Watch:
         self._owned: Buffer = _core.Buffer(history=_KEPT)
 
     def look(self, run: Run, encoding: str, is_static: bool) -> None:
-        """Look at messages of one part. Raises MixedSources if they disagree with another."""
+        """Compare messages of one part. Raises MixedSources if they disagree with another part."""
         part = spelling_of(run.source)
         self._topics[part].add(run.source.topic)
         found = self._rewriter.children(run, encoding, is_static).values()
@@ -339,7 +339,7 @@ def mixed_spellings(
 def _mixed_groups(
     path: str, reason: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
 ) -> MixedSources:
-    """Return an error whose groups are called by their prefixes, those of one prefix by a topic."""
+    """Return an error that names groups by their prefixes; groups of one prefix by a topic."""
     names = {group: "/" + prefix_of_topic(group, transforms=True)[:-1] for group in topics}
     shared = [name for name in names.values() if list(names.values()).count(name) > 1]
     groups = {
@@ -354,7 +354,7 @@ def _listed(topics: Mapping[str, Sequence[str]]) -> str:
 
 
 def _order(group: str) -> tuple[str, str]:
-    """Return what groups are sorted by: the prefix, then the name."""
+    """Return the sort key of groups: the prefix, then the name."""
     return prefix_of_topic(group, transforms=True), group
 
 
@@ -365,8 +365,7 @@ def _absolute(topic: str) -> str:
 def disagree(stores: Sequence[Buffer], frame: str) -> bool:
     """Return whether stores differ on the edge from a frame to its parent.
 
-    They agree where the samples of all are among the samples of one, as of a topic that relays
-    another or a part of it.
+    They agree if one store has all samples of the others, as when a topic relays another.
     """
     edges = [edge for edge in (_edge(store, frame) for store in stores) if edge is not None]
     edges.sort(key=lambda each: len(each.stamps))
@@ -445,7 +444,7 @@ class _Edge:
     def _is_far(self, rows: Rows, other: _Edge, at: Rows) -> bool:
         """Return whether rows lie further from `other` than it moves between samples.
 
-        `at` are the first rows of `other` with later stamps. Gaps of `other` tell nothing.
+        `at` are the first rows of `other` with later stamps. Rows in gaps of `other` do not count.
         """
         import numpy as np
 
@@ -492,7 +491,7 @@ def _is_same(one: Fixed, other: Fixed) -> bool:
 
 
 def _are_close(one: Floats, other: Floats) -> bool:
-    """Return whether rows of poses are equal but for rounding; q and -q are one rotation."""
+    """Return whether rows of poses are equal up to rounding; q and -q are the same rotation."""
     import numpy as np
 
     sign = np.where(np.sum(one[:, 3:] * other[:, 3:], axis=1, keepdims=True) < 0, -1.0, 1.0)
@@ -511,9 +510,9 @@ def _distances(one: Floats, other: Floats) -> Floats:
 
 
 def _overlap(one: Range, other: Range) -> bool:
-    """Return whether two spans have time in common; one may end with the stamp that begins another.
+    """Return whether two spans overlap by more than a common end stamp.
 
-    Spans of one stamp overlap with all that contain it.
+    A span of one stamp overlaps with each span that contains it.
     """
     first, last = max(one[0], other[0]), min(one[1], other[1])
     return first < last or (first == last and (one[0] == one[1] or other[0] == other[1]))

@@ -26,8 +26,7 @@ def open_trajectory(
 ) -> Container:
     """Open a TUM, KITTI, EuRoC, CSV, NPZ or Parquet file, as `Trajectory.read` reads it.
 
-    Its poses are those of `body` in `world` where the file names no frames. Raises
-    `TrajectoryError`.
+    If the file names no frames, its poses are those of `body` in `world`. Raises `TrajectoryError`.
     """
     from tfdb.trajectories.reading import read_with_rows  # noqa: PLC0415 - needs numpy
     from tfdb.trajectories.trajectory import Trajectory  # noqa: PLC0415 - as above
@@ -59,4 +58,4 @@ def open_trajectory(
 
 
 def _nothing() -> None:
-    """The file was closed when it was read."""
+    """Do nothing: the file was closed after reading."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _TOPIC = "/tf"
 _STATIC_TOPIC = "/tf_static"
 _PROGRESS_EVERY = 1024
-# Bags cannot hold time 0; used where nothing moves.
+# Receive time without moving edges: bags cannot hold time 0.
 _NO_STAMP = 1
 
 
@@ -151,7 +151,7 @@ def _integer_stamp(transform: TransformStamped) -> int:
 
 
 def _static_transforms(store: StoreReader) -> dict[str, list[TransformStamped]]:
-    """The static edges by authority."""
+    """Return the static edges by authority."""
     found: dict[str, list[TransformStamped]] = {}
     refuse_without(store, "store", "a Buffer or Snapshot", "tree", "samples")
     for info in store.tree():
@@ -184,7 +184,7 @@ class _Samples:
         return len(self._stamps)
 
     def batches(self, *, by_authority: bool) -> Iterator[Batch]:
-        """Stamp, authority and transforms of each message, in order of the stamps."""
+        """Yield stamp, authority and transforms of each message, sorted by stamp."""
         names = sorted(set(self._authorities)) if by_authority else [""]
         writer_of_edge = [names.index(who) if by_authority else 0 for who in self._authorities]
         writers = np.array(writer_of_edge, dtype=np.int64)[self._edges]

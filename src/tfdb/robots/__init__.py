@@ -22,7 +22,7 @@ __all__ = [
     "parse_urdf",
 ]
 
-if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+if not TYPE_CHECKING:  # with `__getattr__`, type checkers would accept any name
     __getattr__, __dir__ = _offer(
         __name__,
         {

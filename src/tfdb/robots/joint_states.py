@@ -1,4 +1,4 @@
-"""Transforms of joint states by a robot model, and a report of their mismatches."""
+"""Converts joint states to transforms by a robot model, and reports mismatches."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
     from .robot_model import Joint, JointLimits, RobotModel
 
-# Encoders are not better: a position so little beyond a limit counts as at it.
+# Accuracy of encoders: a position that exceeds a limit by less counts as at the limit.
 _SLACK = 1e-6
 
 
 @dataclass(frozen=True)
 class BeyondLimits:
-    """A joint that was beyond its limits in `count` states, the furthest at `position`, `stamp`."""
+    """A joint that was beyond its limits in `count` states, furthest at `position` and `stamp`."""
 
     joint: str
     limits: JointLimits
@@ -50,7 +50,7 @@ class JointReport:
     states
         Number of messages of joint states.
     missing
-        Moving joints that no message names: their frames have no parent.
+        Moving joints that are in no message: their frames have no parent.
     wide
         Floating and planar joints without a transform: a joint state has one number for each joint,
         so it cannot place them.
@@ -86,7 +86,7 @@ class JointReport:
 
 
 class JointStates:
-    """Makes transforms of joint states, one after the other.
+    """Makes transforms from joint states, one after the other.
 
     Parameters
     ----------
@@ -110,11 +110,11 @@ class JointStates:
         self._beyond: dict[str, BeyondLimits] = {}
 
     def again(self) -> JointStates:
-        """Return the same for other states, of which none was counted yet."""
+        """Return a new converter with the same model and empty counts."""
         return JointStates(self._model, self._taken)
 
     def transforms(self, stamp: int, angles: Mapping[str, float]) -> list[TransformStamped]:
-        """The moving edges that one state determines."""
+        """Return the moving edges that one state determines."""
         self._states += 1
         positions: dict[str, float] = {}
         for name, position in angles.items():
@@ -148,7 +148,7 @@ class JointStates:
         self._beyond[name] = BeyondLimits(name, limits, count, position, stamp)
 
     def report(self) -> JointReport:
-        """The report up to now."""
+        """Return the report of the states so far."""
         joints = self._model.joints
         missing = [
             name

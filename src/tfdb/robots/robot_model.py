@@ -1,4 +1,4 @@
-"""Robot models: links joined by joints, and where a joint state puts them.
+"""Robot models: links, joints, and the poses of the links in a joint state.
 
 A joint's pose is `T[parent<-child]` of the two links it joins: it maps points of the child link
 into the parent link, as the store's edges do.
@@ -34,7 +34,7 @@ _WIDTHS = {"fixed": 0, "planar": 3, "floating": 7}
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Range of a joint's position (radians or metres), greatest speed and effort; inf if open."""
+    """Range of a joint's position (radians or metres), largest speed and effort; inf: no limit."""
 
     lower: float
     upper: float
@@ -64,7 +64,7 @@ class Joint:
     origin
         `T[parent<-child]` in the zero position, `[x y z qx qy qz qw]`.
     axis
-        Unit vector in the child's frame: turned about, slid along, or the normal of the plane.
+        Unit vector in the child's frame: axis of rotation, direction of motion, or plane normal.
     limits, mimic
         None where the model has none.
     """
@@ -107,7 +107,7 @@ def _checked_links(links: Any, joints: Any, root: str) -> tuple[str, ...]:
 
 
 def describe_wide(joints: Iterable[Joint]) -> str:
-    """Word the warning for floating and planar joints; "": no joint."""
+    """Return the warning for floating and planar joints; empty without such a joint."""
     chosen = list(joints)
     if not chosen:
         return ""
@@ -122,12 +122,17 @@ def describe_wide(joints: Iterable[Joint]) -> str:
 class RobotModel:
     """A tree of links, made by `load_urdf`. Immutable, so any thread may use it.
 
-    A joint state is a mapping from joint names to positions: radians for revolute and continuous
-    joints, metres for prismatic ones, `(x, y, angle)` for planar ones (in the plane that the axis
-    is normal to, turned there from z by the shortest way), a pose `[x y z qx qy qz qw]` for
-    floating ones. A mimic joint follows its leader unless the state names it. The position of a
-    fixed leader is 0, so a joint that mimics it stays at its offset. Joints that the state does not
-    determine are omitted, as in ROS's robot_state_publisher.
+    A joint state maps joint names to positions:
+
+    - revolute and continuous joints: radians
+    - prismatic joints: metres
+    - planar joints: `(x, y, angle)` in the plane whose normal is the axis; x and y are those of the
+      joint, turned by the shortest rotation from z to the axis
+    - floating joints: a pose `[x y z qx qy qz qw]`
+
+    A mimic joint follows its leader unless the state names it. The position of a fixed leader is 0,
+    so a joint that mimics it stays at its offset. Joints that the state does not determine are
+    omitted, as in ROS's robot_state_publisher.
 
     Parameters
     ----------
@@ -166,11 +171,11 @@ class RobotModel:
 
     @property
     def movable(self) -> tuple[str, ...]:
-        """The joints that a joint state names: neither fixed nor mimicking another."""
+        """The joints that a joint state contains: neither fixed nor mimic joints."""
         return tuple(j.name for j in self.joints.values() if j.width and j.mimic is None)
 
     def forward_kinematics(self, positions: Mapping[str, npt.ArrayLike]) -> dict[str, Array]:
-        """`T[parent<-child]` of each joint that is fixed or that the joint state determines.
+        """Compute `T[parent<-child]` of each joint that is fixed or in the joint state.
 
         Parameters
         ----------
@@ -180,8 +185,9 @@ class RobotModel:
         Returns
         -------
         dict
-            Joint name to pose `[x y z qx qy qz qw]`, shape (7,), or (N, 7) for N states. A pose of
-            the joint's two links, not of the root: let a `Buffer` join them into paths.
+            Joint name to pose `[x y z qx qy qz qw]`, shape (7,), or (N, 7) for N states. Each pose
+            is that of the joint's child link in its parent link, not in the root: store them in a
+            `Buffer` to look up longer paths.
 
         Raises
         ------
@@ -201,7 +207,7 @@ class RobotModel:
     def transforms(
         self, positions: Mapping[str, npt.ArrayLike], stamp: StampLike
     ) -> list[TransformStamped]:
-        """The moving edges of one joint state at a stamp, as `set_transforms` takes them."""
+        """Return the moving edges of one joint state at a stamp, for `set_transforms`."""
         found = []
         for name, pose in self._moving(positions).items():
             joint = self.joints[name]
@@ -212,7 +218,7 @@ class RobotModel:
         return found
 
     def static_transforms(self) -> list[TransformStamped]:
-        """The edges of the fixed joints, stamped 0."""
+        """Return the edges of the fixed joints, with stamp 0."""
         return [
             TransformStamped(joint.parent, joint.child, 0, joint.origin[:3], joint.origin[3:])
             for joint in self.joints.values()
@@ -222,8 +228,8 @@ class RobotModel:
     def set_static(self, buffer: Buffer, *, authority: str = "") -> int:
         """Store the fixed joints as static edges, in one commit; returns its number.
 
-        Raises what `Buffer.set_transforms` raises; then nothing was stored. Warns (TfdbWarning) of
-        floating and planar joints: their transforms come from elsewhere.
+        Raises the errors of `Buffer.set_transforms`; then nothing was stored. Warns (TfdbWarning)
+        of floating and planar joints: their transforms must come from another source.
         """
         text = describe_wide(joint for joint in self.joints.values() if joint.width > 1)
         if text:
@@ -240,8 +246,8 @@ class RobotModel:
     ) -> int:
         """Store the edges that a joint state determines, in one commit; returns its number.
 
-        Raises `InvalidArgument` as `forward_kinematics` does, and what `Buffer.set_transforms`
-        raises; then nothing was stored.
+        Raises `InvalidArgument` as `forward_kinematics`, and the errors of `Buffer.set_transforms`;
+        then nothing was stored.
         """
         batch = self.transforms(positions, stamp)
         if not batch:
@@ -284,7 +290,7 @@ class RobotModel:
         return buffer.set_transforms(batch, authority=authority)
 
     def _moving(self, positions: Mapping[str, npt.ArrayLike]) -> dict[str, Array]:
-        """Poses (7,) or (N, 7) of the joints that a state determines, in the model's order."""
+        """Return poses (7,) or (N, 7) of the joints that a state determines, in model order."""
         given: dict[str, Array] = {}
         for name, position in positions.items():
             joint = self.joints.get(name)
@@ -307,7 +313,7 @@ class RobotModel:
         return {name: poses[name] for name in self.joints if name in poses}
 
     def follow(self, name: str, given: Mapping[str, Any]) -> Any:
-        """The position of a joint, its own or by its leaders; None if unknown."""
+        """Return the position of a joint, its own or from its leaders; None if unknown."""
         scale, offset = 1.0, 0.0
         while name not in given:
             joint = self.joints[name]
@@ -320,7 +326,7 @@ class RobotModel:
 
 
 class _SingleJoints:
-    """The joints with one position each, as arrays, so that all are computed at once.
+    """The joints with one position each, as arrays, so that all poses are computed at once.
 
     With q0 the origin's rotation and a the axis, q0 * (a sin h, cos h) is linear in sin h and
     cos h: cos h * q0 + sin h * (q0 * a), where h is half the angle, and 0 for prismatic joints.
@@ -340,7 +346,7 @@ class _SingleJoints:
         self._q1 = multiply(origins[:, 3:], np.hstack((axes, np.zeros((len(axes), 1)))))
 
     def poses(self, positions: Mapping[str, Array]) -> dict[str, Array]:
-        """`T[parent<-child]` by name; ``ValueError`` when the shapes do not go together."""
+        """Return `T[parent<-child]` by name; raises ``ValueError`` if the shapes do not match."""
         if not positions:
             return {}
         at = [self._index[name] for name in positions]
@@ -357,7 +363,7 @@ class _SingleJoints:
 
 
 def _checked(joint: Joint, position: npt.ArrayLike) -> Array:
-    """A position as an array: () or (N,) for one number, (k,) or (N, k) for k of them."""
+    """Return a position as an array: () or (N,) for one number, (k,) or (N, k) for k numbers."""
     if joint.kind == "fixed":
         raise InvalidArgument(f"joint {joint.name!r} is fixed and has no position")
     try:
@@ -376,7 +382,7 @@ def _checked(joint: Joint, position: npt.ArrayLike) -> Array:
 
 
 def _wide_pose(joint: Joint, value: Array) -> Array:
-    """`T[parent<-child]` of a planar or floating joint."""
+    """Return `T[parent<-child]` of a planar or floating joint."""
     origin = np.array(joint.origin)
     if joint.kind == "planar":
         plane = np.array(_from_z(joint.axis))
@@ -397,7 +403,7 @@ def _wide_pose(joint: Joint, value: Array) -> Array:
 
 
 def _from_z(axis: tuple[float, float, float]) -> tuple[float, float, float, float]:
-    """The shortest rotation that turns z into a unit axis; half a turn about x for -z."""
+    """Return the shortest rotation from z to a unit axis; for -z, 180 degrees about x."""
     x, y, z = axis
     if z < -1 + 1e-12:
         return 1.0, 0.0, 0.0, 0.0
@@ -406,7 +412,7 @@ def _from_z(axis: tuple[float, float, float]) -> tuple[float, float, float, floa
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """Quaternion products a * b of `[x y z w]` rows."""
+    """Return the quaternion products a * b of `[x y z w]` rows."""
     ax, ay, az, aw = np.moveaxis(a, -1, 0)
     bx, by, bz, bw = np.moveaxis(b, -1, 0)
     return np.stack(
@@ -421,7 +427,7 @@ def multiply(a: Array, b: Array) -> Array:
 
 
 def rotate(q: Array, v: Array) -> Array:
-    """Vectors turned by unit quaternions `[x y z w]`."""
+    """Rotate vectors by unit quaternions `[x y z w]`."""
     u, w = q[..., :3], q[..., 3:]
     t = 2 * np.cross(u, v)
     turned: Array = v + w * t + np.cross(u, t)

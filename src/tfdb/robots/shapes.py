@@ -1,4 +1,4 @@
-"""What a URDF says of the looks of links: boxes, cylinders, spheres, meshes, and their colours."""
+"""The visual shapes of links in a URDF: boxes, cylinders, spheres, meshes, and their colours."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ class Shape:
     link: str
     kind: Kind
     size: tuple[float, ...]
-    """Metres: x, y, z of a box; radius and length along z of a cylinder; radius of a sphere. Of a
-    mesh its scale along x, y, z."""
+    """Metres: x, y, z of a box; radius and length along z of a cylinder; radius of a sphere. For a
+    mesh: its scale along x, y, z."""
     origin: tuple[float, ...]
     """T[link<-shape], `[x y z qx qy qz qw]`."""
     color: Color | None
-    """Red, green, blue, opacity, 0 to 1; None: the file gives none."""
+    """Red, green, blue, opacity, 0 to 1; None: not in the file."""
     mesh: str = ""
-    """Name of the mesh as the file has it."""
+    """Name of the mesh in the file."""
 
 
 def load_shapes(path: str | os.PathLike[str]) -> tuple[list[Shape], list[str]]:
-    """Read the shapes of a robot model; return them, and a note for each that is of no known kind.
+    """Read the shapes of a robot model; return them, and a note for each of unknown kind.
 
     Raises and warns as `load_urdf`. A bad size or colour raises ModelError.
     """
@@ -48,7 +48,7 @@ def load_shapes(path: str | os.PathLike[str]) -> tuple[list[Shape], list[str]]:
 
 
 class _ShapeReader(Reader):
-    """Reads `<visual>` elements; every complaint names the file and the line."""
+    """Reads `<visual>` elements; errors name the file and the line."""
 
     def __init__(self, path: str) -> None:
         super().__init__(path)

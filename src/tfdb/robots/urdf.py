@@ -1,7 +1,7 @@
-"""Robot models: URDF files to static edges, joint edges and forward kinematics.
+"""Reads robot models from URDF files.
 
-Reads what moves frames (links, joints, axes, limits, mimic joints) and leaves the rest of the file
-alone. A file is hostile until read: no document type, so no entities; nothing else is opened.
+It reads links, joints, axes, limits and mimic joints, and ignores the rest of the file. Files are
+not trusted: document types, and thereby entities, are refused, and no other file is opened.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ _ATTRIBUTES = {
     "limit": ("lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"),
     "mimic": ("joint", "multiplier", "offset"),
 }
-"""The attributes that URDF 1.0 to 1.2 have; `type` of a link and `dont_collapse` move nothing."""
+"""Attributes of URDF 1.0 to 1.2; `type` of a link and `dont_collapse` have no effect on frames."""
 _ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")
-"""Elements that a joint has once; of several the first counts, as in ROS."""
+"""Elements that a joint may have once; of several the first counts, as in ROS."""
 _IN_JOINTS = (*list(_ATTRIBUTES)[3:], "calibration", "dynamics", "safety_controller")
 _MOST_NAMED = 5
 
@@ -47,8 +47,8 @@ _MOST_NAMED = 5
 def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
     """Read a robot model from a URDF file.
 
-    `quat_xyzw` of `<origin>` is read in files of `<robot version="1.1">` and newer. A fixed joint's
-    `<mimic>` is ignored; a joint that mimics a fixed one stands at its offset.
+    `quat_xyzw` of `<origin>` is read if the file has `<robot version="1.1">` or newer. The
+    `<mimic>` of a fixed joint is ignored; a joint that mimics a fixed one stays at its offset.
 
     Raises
     ------
@@ -72,16 +72,16 @@ def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
 
 
 def parse_urdf(text: str | bytes, name: str = "<robot_description>") -> RobotModel:
-    """The same from text, such as ROS's parameter `robot_description`; `name` is for messages."""
+    """Read a robot model from text, such as ROS's `robot_description`; errors use `name`."""
     if isinstance(text, str):
-        text = text.encode(errors="surrogatepass")  # text that is not Unicode is not XML either
+        text = text.encode(errors="surrogatepass")  # text with invalid Unicode is not XML
     if not isinstance(text, bytes | bytearray | memoryview):
         raise TypeError(f"text must be a URDF, as str or bytes, got {shown(text)}")
     return _read(bytes(text), name)
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """Read a file, but no more of it than `parse_robot` refuses."""
+    """Read a file up to a size that `parse_robot` refuses."""
     where = check_path(path, ModelError)
     with errors_name(where), where.open("rb") as file:
         return file.read(MAX_BYTES + 1)
@@ -105,7 +105,7 @@ def _read(raw: bytes, path: str) -> RobotModel:
 
 
 class Reader:
-    """Turns elements into a model; every complaint names the file and the line."""
+    """Converts elements to a model; errors and warnings name the file and the line."""
 
     def __init__(self, path: str) -> None:
         self.path: str = path
@@ -142,7 +142,7 @@ class Reader:
         return RobotModel(root.get("name") or "", tuple(links), joints, base)
 
     def warn(self, stacklevel: int) -> None:
-        """Warn of what was ignored, if anything was."""
+        """Warn of ignored attributes and elements, if any."""
         ignored = self.ignored
         if ignored:
             more = len(ignored) - _MOST_NAMED
@@ -215,7 +215,7 @@ class Reader:
         return link
 
     def origin(self, element: Element | None) -> tuple[float, ...]:
-        """The pose `T[parent<-joint]`: `rpy` turns about the fixed axes x, then y, then z."""
+        """Return the pose `T[parent<-joint]`: `rpy` rotates about the fixed axes x, y, then z."""
         zero = (0.0, 0.0, 0.0)
         if element is None:
             return (*zero, 0.0, 0.0, 0.0, 1.0)
@@ -235,7 +235,7 @@ class Reader:
         )
 
     def quaternion(self, element: Element) -> tuple[float, ...]:
-        """The unit quaternion `quat_xyzw` of an origin."""
+        """Return the unit quaternion `quat_xyzw` of an origin."""
         if element.get("rpy") is not None:
             self.refuse(element, "the origin has both rpy and quat_xyzw; remove one of them")
         values = self.numbers(element, "quat_xyzw", (), count=4)
@@ -260,7 +260,7 @@ class Reader:
         return limits
 
     def mimic(self, element: Element | None, joint: str, kind: str) -> Mimic | None:
-        """Return what a joint mimics."""
+        """Return the mimic rule of a joint."""
         if element is None:
             return None
         leader = element.get("joint")
@@ -276,7 +276,7 @@ class Reader:
     def check_tree(
         self, links: dict[str, Element], joints: dict[str, Joint], lines: dict[str, Element]
     ) -> str:
-        """Refuse whatever is not one tree over all links; returns its root."""
+        """Refuse joints that do not form one tree of all links; return its root."""
         above: dict[str, Joint] = {}
         for joint in joints.values():
             for role, link in (("parent", joint.parent), ("child", joint.child)):
@@ -306,7 +306,7 @@ class Reader:
         return roots[0]
 
     def check_mimics(self, joints: dict[str, Joint], lines: dict[str, Element]) -> None:
-        """Refuse joints that mimic none, or each other."""
+        """Refuse mimic joints whose leader is missing, and cycles of mimic joints."""
         for joint in joints.values():
             seen = {joint.name}
             follower = joint
@@ -324,7 +324,7 @@ class Reader:
                 follower = leader
 
     def name(self, element: Element) -> str:
-        """Return the name of an element; refuse one without."""
+        """Return the name of an element; refuse an element without a name."""
         name = element.get("name")
         if not name:
             self.refuse(element, f"a {element.tag} without a name")
@@ -341,7 +341,7 @@ class Reader:
     def numbers(
         self, element: Element, attribute: str, default: tuple[float, ...], count: int = 3
     ) -> tuple[float, ...]:
-        """So many finite numbers by spaces."""
+        """Return `count` finite numbers separated by blanks."""
         text = element.get(attribute)
         if text is None:
             return default
@@ -357,7 +357,7 @@ class Reader:
         return default if text is None else self.finite(element, attribute, text)
 
     def finite(self, element: Element, attribute: str, text: str) -> float:
-        """Return the finite number that a text is."""
+        """Convert a text to a finite number."""
         try:
             value = float(text)
         except ValueError:

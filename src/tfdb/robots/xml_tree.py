@@ -1,4 +1,4 @@
-"""A small XML tree with line numbers, over the standard library's expat, closed to attacks.
+"""A small XML tree with line numbers, parsed by the standard library's expat without entities.
 
 `xml.etree` expands entities of a document type and keeps no line numbers. Here a document type is
 refused before anything in it is read, so no entity can be declared: neither one that grows without
@@ -18,7 +18,7 @@ MAX_DEPTH = 200
 
 
 class XmlError(Exception):
-    """A fault of the text, with its line."""
+    """An error in the text, with its line."""
 
     def __init__(self, reason: str, line: int) -> None:
         super().__init__(f"line {line}: {reason}")
@@ -28,7 +28,7 @@ class XmlError(Exception):
 
 @dataclass
 class Element:
-    """One element: tag with its prefix, attributes, children; character data is left out."""
+    """An element: tag with its prefix, attributes, children; character data is skipped."""
 
     tag: str
     attributes: dict[str, str]
@@ -36,21 +36,21 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def get(self, attribute: str) -> str | None:
-        """The attribute without surrounding blanks, None where it is missing."""
+        """Return an attribute without surrounding blanks; None if it is missing."""
         value = self.attributes.get(attribute)
         return None if value is None else value.strip()
 
     def all(self, tag: str) -> Iterator[Element]:
-        """The children of that tag."""
+        """Return the children with a tag."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> Element | None:
-        """The first child of that tag."""
+        """Return the first child with a tag."""
         return next(self.all(tag), None)
 
 
 def parse_xml(raw: bytes) -> Element:
-    """The root element of a document; raises `XmlError`."""
+    """Return the root element of a document; raises `XmlError`."""
     builder = _Builder()
     try:
         builder.parser.Parse(raw, True)  # noqa: FBT003 - expat takes it by position only
@@ -63,7 +63,7 @@ def parse_xml(raw: bytes) -> Element:
 
 
 class _Builder:
-    """Collects elements while expat reads."""
+    """Collects elements while expat parses."""
 
     def __init__(self) -> None:
         self.parser = expat.ParserCreate()

@@ -9,5 +9,5 @@ from tfdb.data.lazy_names import on_demand as _offer
 if TYPE_CHECKING:
     from . import summary as summary
 
-if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+if not TYPE_CHECKING:  # with `__getattr__`, type checkers would accept any name
     __getattr__, __dir__ = _offer(__name__, {"summary": ()})

@@ -1,4 +1,4 @@
-"""Explanations of lookups, in words."""
+"""Explanations of lookups as text."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class Explanation:
     """Why a lookup of T[target<-source] has an answer, or fails."""
 
     target: str
-    """Frame asked for."""
+    """Target of the lookup."""
     source: str
-    """Frame asked from."""
+    """Source of the lookup."""
     ok: bool
     """Whether there is an answer."""
     text: str
@@ -86,17 +86,17 @@ def explain_lookup(
     stamp: StampLike | None,
     policy: Policy | None,
 ) -> Explanation:
-    """Do what `Buffer.explain` says."""
+    """Implements `Buffer.explain`."""
     return from_one_state(
         self, lambda snapshot: _Case(snapshot, target, source, stamp, policy).explain()
     )
 
 
 def from_one_state(reads: StoreReader, read: Callable[[Snapshot], T]) -> T:
-    """Read several times from one state: a snapshot, or the newest state of a buffer."""
+    """Call `read` with a snapshot: the given one, or one of a buffer's newest state."""
     if not isinstance(reads, Buffer):
         return read(cast("Snapshot", reads))
-    # In a damaged store every state is too old: limit the attempts.
+    # In a damaged store each state is too old: limit the attempts.
     for _ in range(999):
         with reads.snapshot() as snapshot, suppress(SnapshotTooOld):
             return read(snapshot)
@@ -122,7 +122,7 @@ class _Case:
         self.policy = policy
 
     def explain(self) -> Explanation:
-        """Look up, and explain the result."""
+        """Look up the transform, and explain the result."""
         try:
             found = self.snapshot.lookup_transform(
                 self.target, self.source, self.stamp, self.policy
@@ -164,7 +164,7 @@ class _Case:
         )
 
     def _others(self, error: UnknownFrame) -> list[str]:
-        """List the frames, unless the error suggests similar ones."""
+        """List the store's frames, unless the error suggests similar ones."""
         if "did you mean" in str(error):
             return []
         known = self.snapshot.frames()
@@ -175,8 +175,8 @@ class _Case:
         return [f"The store has {counted(len(known), 'frame')}: {shown}{more}"]
 
     def _chain(self, tree: dict[str, FrameInfo], name: str) -> list[FrameInfo]:
-        """Frames with a parent, from `name` up to the root."""
-        chain: dict[str, FrameInfo] = {}  # a damaged store's parents may run in a circle
+        """Return the frames with a parent, from `name` up to the root."""
+        chain: dict[str, FrameInfo] = {}  # in a damaged store the parents may form a cycle
         info = tree.get(name)
         while info is not None and info.parent is not None and info.name not in chain:
             chain[info.name] = info
@@ -209,7 +209,7 @@ class _Case:
         return self._because(error, edges, [self._advice(up + down)])
 
     def _advice(self, edges: list[FrameInfo]) -> str:
-        """The stamps that every edge of the path covers."""
+        """Describe the stamps that every edge of the path covers."""
         several = describe_clocks(clocks(edges, self.snapshot))
         return f"{_covered(edges)} There are {several}." if several else _covered(edges)
 
@@ -223,9 +223,9 @@ class _Case:
         return EdgeExplanation(info.name, parent, ok=True, text=str(found.report.edges[0]))
 
     def _alone(self, parent: str, child: str, stamp: StampLike | None) -> Transform:
-        """Look up one edge; a lookup that fails would walk from it to the root."""
+        """Look up one edge by itself, because a failing lookup continues up to the root."""
         if stamp is not None:
-            with suppress(Disconnected):  # it has another parent, or none, at the stamp
+            with suppress(Disconnected):  # at the stamp it has another parent, or is a root
                 return self.snapshot._lookup_edge(parent, child, stamp, self.policy)
         return self.snapshot.lookup_transform(parent, child, stamp, self.policy)
 
@@ -247,7 +247,7 @@ def _span(info: FrameInfo) -> str:
 
 
 def _reason(error: TfdbError) -> str:
-    """Why one edge has no answer, in a few words."""
+    """Describe briefly why one edge has no answer."""
     asked, limit, before, after = (
         "?" if stamp is None else format_seconds(stamp)
         for stamp in (error.stamp, error.limit, error.before, error.after)

@@ -21,7 +21,7 @@ Parents = dict[str, str | None]
 
 
 def children(reads: StoreReader, name: str, stamp: StampLike | None) -> list[str]:
-    """Do what `Buffer.children` says."""
+    """Implements `Buffer.children`."""
 
     def read(snapshot: Snapshot) -> list[str]:
         parents = _parents(snapshot, stamp, name)
@@ -31,14 +31,14 @@ def children(reads: StoreReader, name: str, stamp: StampLike | None) -> list[str
 
 
 def descendants(reads: StoreReader, name: str, stamp: StampLike | None) -> list[str]:
-    """Do what `Buffer.descendants` says."""
+    """Implements `Buffer.descendants`."""
 
     def read(snapshot: Snapshot) -> list[str]:
         below: dict[str, list[str]] = {}
         for child, parent in _parents(snapshot, stamp, name).items():
             if parent is not None:
                 below.setdefault(parent, []).append(child)
-        found: dict[str, None] = {}  # in order; a damaged store's parents may run in a circle
+        found: dict[str, None] = {}  # ordered; in a damaged store the parents may form a cycle
         open_ = below.get(name, [])[::-1]
         while open_:
             frame = open_.pop()
@@ -51,7 +51,7 @@ def descendants(reads: StoreReader, name: str, stamp: StampLike | None) -> list[
 
 
 def path(reads: StoreReader, target: str, source: str, stamp: StampLike | None) -> list[str]:
-    """Do what `Buffer.path` says."""
+    """Implements `Buffer.path`."""
 
     def read(snapshot: Snapshot) -> list[str]:
         parents = _parents(snapshot, stamp, target, source)
@@ -73,15 +73,15 @@ def path(reads: StoreReader, target: str, source: str, stamp: StampLike | None) 
 
 
 def _parents(snapshot: Snapshot, stamp: StampLike | None, *names: str) -> Parents:
-    """Parents of all frames at a stamp; raise UnknownFrame for names that are none."""
+    """Return the parents of all frames at a stamp; raise UnknownFrame for unknown names."""
     for name in names:
         snapshot.parent_of(check_name("a frame's name", name))
     return {info.name: info.parent for info in snapshot.tree(stamp)}
 
 
 def _chain(parents: Parents, name: str) -> list[str]:
-    """Return a frame and what it hangs under, up to the root."""
-    chain: dict[str, None] = {}  # in order; a damaged store's parents may run in a circle
+    """Return a frame and its ancestors, up to the root."""
+    chain: dict[str, None] = {}  # ordered; in a damaged store the parents may form a cycle
     at: str | None = name
     while at is not None and at not in chain:
         chain[at] = None

@@ -1,4 +1,4 @@
-"""Samples that a store with a bounded history does not keep."""
+"""Samples that a store with a limited history drops."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
-    """Warn of samples that the history dropped, and name ways on; the caller is `depth` up."""
+    """Warn of samples that the history dropped, with a remedy; the caller is `depth` frames up."""
     are = "is" if samples == 1 else "are"
     message = (
         f"{counted(samples, 'sample')} {are} not kept: the store has a history of "
@@ -26,7 +26,7 @@ def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
 
 
 def missing_samples(buffer: Buffer, frame: str, stamps: npt.NDArray[np.int64]) -> int:
-    """How many of these stamps a moving edge of the store has no sample at."""
+    """Count the stamps at which a moving edge has no sample."""
     if frame not in buffer.frames() or buffer.frame_info(frame).is_static:
         return 0
     import numpy as np

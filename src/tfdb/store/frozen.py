@@ -1,4 +1,4 @@
-"""Frozen stores: one state of a store in a file that processes map."""
+"""Frozen stores: files with one state of a store, which processes map."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ __all__ = [
 
 SUFFIX = ".tfdb"
 MAGIC = b"TFDBFRZ1"
-"""How the file of a frozen store begins."""
+"""The first bytes of a frozen store."""
 PICKLED = "pickled"
-"""The origin of a frozen store that came out of a pickle: it has no file."""
+"""The origin of an unpickled frozen store, which has no file."""
 
 
 def freeze_into(
     reads: StoreReader, path: str | os.PathLike[str], *, overwrite: bool, origin: str = ""
 ) -> None:
-    """Do what `StoreReader.freeze` says; `origin` is what `Buffer.frozen` will say of it."""
+    """Implements `Buffer.freeze`; `origin` becomes `Buffer.frozen.origin` of the frozen store."""
     with new_file(path, overwrite=overwrite) as made:
         try:
             freeze_store(reads, made, origin)
@@ -49,12 +49,12 @@ def freeze_into(
 
 
 def is_frozen(path: Path) -> bool:
-    """Whether a file is to be taken for a frozen store: by how it begins, or is called."""
+    """Return whether a file is a frozen store, by its first bytes or its extension."""
     if not path.is_file():
         return False
     if path.suffix == SUFFIX:
         return True
-    # What cannot be read, who reads it as a recording tells.
+    # The reader of recordings raises the error for an unreadable file.
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
     return False
@@ -66,7 +66,7 @@ def reopen(path: str) -> Buffer:
 
 
 def state_of(buffer: Buffer) -> bytes:
-    """Return the newest state of a store as the bytes of a frozen one."""
+    """Return the newest state of a store as the bytes of a frozen store."""
     with temporary_folder() as folder:
         path = folder / f"pickled{SUFFIX}"
         freeze_store(buffer, path, PICKLED)
@@ -74,8 +74,8 @@ def state_of(buffer: Buffer) -> bytes:
 
 
 def thaw(state: bytes) -> Buffer:
-    """Open such bytes in a process that has no file of them."""
+    """Open the bytes of a frozen store without a file."""
     with temporary_folder() as folder:
         path = folder / f"pickled{SUFFIX}"
         path.write_bytes(state)
-        return open_frozen(path)  # its memory stays when its name goes
+        return open_frozen(path)  # the mapping stays when the file is removed

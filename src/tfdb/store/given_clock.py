@@ -1,4 +1,4 @@
-"""The clock that a buffer was given instead of its store's."""
+"""The clock function of a buffer, which replaces that of its store."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ if TYPE_CHECKING:
 
 
 def given_clock(buffer: Buffer) -> Callable[[], int] | None:
-    """Return what was given as `clock=`, in nanoseconds; None: the store's clock counts."""
+    """Return the function given as `clock=`; None if the store's clock counts."""
     given = buffer._clock
     return None if given is None else lambda: to_nanoseconds(given())

@@ -72,19 +72,19 @@ class Report:
     source: str
     """Frame from which it maps."""
     stamp: int
-    """The stamp it holds at."""
+    """The stamp of the transform."""
     edges: tuple[EdgeUse, ...]
-    """The edges from the source up to the common ancestor, then from the target up. Empty for a
-    product of transforms, or one that was not looked up."""
+    """The edges from the source up to the common ancestor, followed by those from the target up.
+    Empty for a product of transforms, and for a transform that was not looked up."""
 
     @property
     def timeless(self) -> bool:
-        """Whether it holds at all times: the stamp is 0 and nothing moves."""
+        """Whether the transform holds at all times: the stamp is 0 and no edge moves."""
         return self.stamp == 0 and all(edge.before is None for edge in self.edges)
 
     @property
     def age(self) -> int:
-        """Greatest age of an edge's sample; 0 if nothing moves."""
+        """Greatest age of an edge's sample; 0 if no edge moves."""
         return max((edge.age for edge in self.edges if edge.before is not None), default=0)
 
     @property
@@ -94,7 +94,7 @@ class Report:
 
     @property
     def oldest(self) -> int | None:
-        """Oldest stamp used; None if nothing moves."""
+        """Oldest stamp used; None if no edge moves."""
         return min((edge.before for edge in self.edges if edge.before is not None), default=None)
 
     @property
@@ -109,7 +109,7 @@ class Report:
 
     @property
     def limiting_edge(self) -> EdgeUse | None:
-        """The moving edge with the poorest data: longest gap or greatest age. None without one."""
+        """The moving edge with the longest gap or greatest age; None if no edge moves."""
         moving = [edge for edge in self.edges if edge.before is not None]
         return max(moving, key=lambda edge: max(edge.gap, abs(edge.age)), default=None)
 
@@ -221,7 +221,7 @@ def _extent(buffer: Buffer) -> str:
 
 
 def restore_transform(*state: object) -> Transform:
-    """Make an unpickled transform: functions of the extension cannot be pickled themselves."""
+    """Unpickle a transform: pickle cannot refer to functions of the extension."""
     return _restore_transform(*state)
 
 
@@ -229,7 +229,7 @@ belong_to("tfdb.types", globals(), __all__)
 
 
 def frames_passed(found: Transform) -> list[str]:
-    """Frames on the way from source to target, both included."""
+    """Return the frames of the path from source to target, both included."""
     up, down = [found.source], []
     for edge in found.report.edges:
         if edge.inverted:

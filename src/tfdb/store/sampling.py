@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 _MOST_POSES = 10**8
-"""More are a mistake in a rate or a time, and would need more memory than there is."""
+"""Largest number of poses: more mean a wrong rate or time, and would exceed the memory."""
 _MISSING: tuple[Any, ...] = ("raise", "nan", "skip")
 
 
@@ -55,7 +55,7 @@ def sample(
         else:
             _period(rate)
             first, last = _range(snapshot, target, source, *given)
-            if missing == "raise":  # before much is made of a time that is far off
+            if missing == "raise":  # fail before a wrong time makes many stamps
                 snapshot.lookup_transforms(target, source, [first], policy)
             stamps = _even_stamps(first, last, rate)
         return _sample_at(snapshot, target, source, stamps, policy, missing)
@@ -71,7 +71,7 @@ def sample_at(
     policy: Policy | None,
     missing: Literal["raise", "nan", "skip"],
 ) -> Samples:
-    """Do the same at given stamps, which increase."""
+    """Sample at given increasing stamps."""
     _check(missing)
     return from_one_state(
         self, lambda snapshot: _sample_at(snapshot, target, source, stamps, policy, missing)
@@ -119,7 +119,7 @@ def _stored_stamps(
 def _range(
     snapshot: Snapshot, target: str, source: str, start: int | None, end: int | None
 ) -> tuple[int, int]:
-    """First and last stamp: as given, otherwise those of the path."""
+    """Return the first and last stamp: as given, otherwise those of the path."""
     if start is None or end is None:
         stored = _stored_stamps(snapshot, target, source, start, end)
     first = int(stored[0]) if start is None else start
@@ -153,7 +153,7 @@ def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
 
 
 def _period(rate: float) -> float:
-    """Nanoseconds from one pose to the next; never more than there are stamps."""
+    """Return the nanoseconds between two poses, at most the range of stamps."""
     try:
         if not isinstance(rate, bool) and math.isfinite(rate) and rate > 0:
             return min(1e9 / rate, MAX_STAMP + 1.0)

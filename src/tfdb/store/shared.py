@@ -35,7 +35,7 @@ __all__ = ["find_stores", "open_or_make", "path_of", "reopen", "unlink_store"]
 FOLDER = Path("/dev/shm")  # noqa: S108 - where Linux keeps POSIX shared memory
 PREFIX = "tfdb."
 CONTROL = re.compile(r"\.control-[0-9a-f]{16}(\.new|\.old)?$")
-"""How the names of the files end that lie beside a store's."""
+"""The suffix of the second file of a store."""
 LONGEST = 200
 
 
@@ -116,7 +116,7 @@ def open_or_make(
         except StoreExists:
             if create:
                 raise
-            continue  # another process was faster
+            continue  # another process created it first
         create = False
 
 
@@ -126,19 +126,19 @@ def unlink_store(name: Name) -> None:
 
 
 def find_stores() -> Iterator[str]:
-    """Give the names of the stores of this machine, in order; not all may be this user's.
+    """Yield the sorted names of the stores of this machine, also of other users.
 
-    What makers left that were killed before there was a store is removed.
+    Leftovers of processes that were killed while they made a store are removed.
     """
     files = sorted(path_of("x").parent.glob(PREFIX + "*"))
     stores = [path for path in files if not CONTROL.search(path.name)]
     for path in {path.with_name(CONTROL.sub("", path.name)) for path in files} - {*stores}:
-        with suppress(TfdbError):  # a process that looks for a missing store removes the rest
+        with suppress(TfdbError):  # opening an incomplete store removes it
             open_store(path, False, None, None)  # noqa: FBT003 - for reading
     for path in stores:
         yield path.name.removeprefix(PREFIX)
 
 
 def reopen(path: str, mode: Literal["r", "rw"], lock_timeout: float | None) -> Buffer:
-    """Open a store that was pickled."""
+    """Unpickle a shared store."""
     return Buffer.open(Path(path), create=False, mode=mode, lock_timeout=lock_timeout)

@@ -1,6 +1,6 @@
-"""Figures of a store, edge by edge: periods, gaps, trees, the time span.
+"""Statistics of a store, edge by edge: periods, gaps, trees, the time span.
 
-The command line, the pictures and the demo use the same figures.
+The command line, the pictures and the demo use them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class EdgeSummary:
 def find_gaps(
     stamps: npt.NDArray[np.int64], max_gap: int | None = None
 ) -> tuple[int | None, Gap | None, tuple[Gap, ...]]:
-    """Median period, longest interval and gaps of sorted stamps, in nanoseconds.
+    """Return median period, longest interval and gaps of sorted stamps, in nanoseconds.
 
     `max_gap` is the longest interval that is not a gap; None: GAP_FACTOR median periods.
     """
@@ -75,7 +75,7 @@ def find_gaps(
 
 
 def edge_summaries(store: Buffer | Snapshot, max_gap: int | None = None) -> list[EdgeSummary]:
-    """All edges of a store (frames with a parent), sorted by name.
+    """Return all edges of a store (frames with a parent), sorted by name.
 
     `max_gap` in nanoseconds as in :func:`find_gaps`.
     """
@@ -92,7 +92,7 @@ def edge_summaries(store: Buffer | Snapshot, max_gap: int | None = None) -> list
 
 @dataclass(frozen=True)
 class Clock:
-    """Moving edges of one clock: the first and last stamp, and their edges."""
+    """A clock of stamps: its first and last stamp, and the moving edges with such stamps."""
 
     start: int
     end: int
@@ -105,10 +105,10 @@ class Clock:
 
 
 def clocks(infos: Iterable[FrameInfo], store: Buffer | Snapshot) -> list[Clock]:
-    """Sort the moving edges of a store by the clocks of their stamps, the earliest first.
+    """Group the moving edges of a store by the clocks of their stamps, the earliest clock first.
 
-    Two clocks, such as a simulated and a real one, lie more than a year apart. An edge with stamps
-    of both is named with both.
+    Stamps of two clocks, such as a simulated and a real one, are more than a year apart. An edge
+    with stamps of both is listed with both.
     """
     spans = [(*ends, info.name) for info in infos for ends in _spans(info, store)]
     found: list[tuple[int, int, dict[str, None]]] = []
@@ -123,7 +123,7 @@ def clocks(infos: Iterable[FrameInfo], store: Buffer | Snapshot) -> list[Clock]:
 
 
 def _spans(info: FrameInfo, store: Buffer | Snapshot) -> Iterator[tuple[int, int]]:
-    """First and last stamp of an edge on each clock that it has stamps of."""
+    """Return the first and last stamp of an edge on each of its clocks."""
     if info.oldest is None or info.newest is None:
         return
     if info.longest_gap <= YEAR_NS:
@@ -138,7 +138,7 @@ def _spans(info: FrameInfo, store: Buffer | Snapshot) -> Iterator[tuple[int, int
 
 
 def describe_clocks(found: Sequence[Clock]) -> str:
-    """Word the warning for several clocks in one store; empty for one."""
+    """Return the warning for several clocks in one store; empty for one clock."""
     if len(found) < 2:
         return ""
     text = f"stamps of {len(found)} clocks, more than a year apart: " + "; ".join(map(str, found))
@@ -153,7 +153,7 @@ def describe_clocks(found: Sequence[Clock]) -> str:
 
 
 def span(infos: Iterable[FrameInfo]) -> tuple[int, int] | None:
-    """First and last moving stamp in nanoseconds, None when nothing moves."""
+    """Return the first and last moving stamp in nanoseconds; None if no edge moves."""
     moving = [(i.oldest, i.newest) for i in infos if i.oldest is not None and i.newest is not None]
     if not moving:
         return None
@@ -162,7 +162,7 @@ def span(infos: Iterable[FrameInfo]) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class TreeRow:
-    """One frame in reading order: `depth` edges below its root, `last` among its siblings."""
+    """A frame of a printed tree: `depth` edges below its root; `last`: no sibling follows."""
 
     info: FrameInfo
     depth: int
@@ -210,10 +210,10 @@ class Forest:
 
 
 def longest_moving_chain(infos: Iterable[FrameInfo]) -> tuple[str, str] | None:
-    """Find a root and the frame below it with the most moving edges between them.
+    """Return a root and the descendant with the most moving edges between them.
 
-    Only chains whose edges have a stretch of time in common count. Ties go to the longer stretch,
-    then to the longer chain, then to the name. None when nothing moves.
+    The edges must have a time span in common. Among equals the longer span counts, then the longer
+    path, then the name. None if no edge moves.
     """
     forest = Forest(infos)
     best: tuple[tuple[int, int, int], str, str] | None = None

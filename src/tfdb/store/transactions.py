@@ -27,10 +27,10 @@ LOST_BEFORE_ALONE = 8
 """Number of attempts that may conflict; the next one runs alone and cannot."""
 
 SHORTEST_WAIT = 100e-6
-"""Seconds: the most that is waited after the first lost attempt; twice as much after each next."""
+"""Longest wait after the first conflict, in seconds; it doubles with each conflict."""
 
 LONGEST_WAIT = 10e-3
-"""Seconds: more than this is never waited between two attempts."""
+"""Longest wait between two attempts, in seconds."""
 
 
 def run_until_won(
@@ -55,7 +55,7 @@ def run_until_won(
                 result = _result_of(fn, transaction)
         except Conflict as error:
             if not transaction._lost:
-                raise  # of another store
+                raise  # a transaction of another store
             wait = random.uniform(0, min(SHORTEST_WAIT * 2 ** (attempt - 1), LONGEST_WAIT))  # noqa: S311
             if attempt >= most or time.monotonic() + wait >= end:
                 _raise_last_conflict(error, attempt)
@@ -68,7 +68,7 @@ def run_until_won(
 
 
 def _result_of(fn: Callable[[Transaction], Result], transaction: Transaction) -> Result:
-    """Call `fn`. If it goes on after a conflict that it caught, the conflict is raised again."""
+    """Call `fn`. A conflict that `fn` caught is raised again."""
     try:
         result = fn(transaction)
     except TransactionClosed:
@@ -91,7 +91,7 @@ def commit_of(self: Buffer, write: Callable[[Transaction], None]) -> int:
 
 
 def _check_done(result: object) -> None:
-    """Refuse a function that has not run yet: its transaction would end before it begins."""
+    """Refuse coroutines and generators: the transaction would end before they run."""
     if inspect.iscoroutine(result):
         result.close()
     elif not inspect.isawaitable(result) and not isinstance(result, Generator | AsyncGenerator):

@@ -1,4 +1,4 @@
-"""Waits without a blocked thread: the buffer's thread or the writer reports how each ended."""
+"""Waits that block no thread: the buffer's thread, or the writer, reports their end."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__: list[str] = []
 
-# What a commit may put right.
+# Errors that a later commit may resolve.
 NO_ANSWER_YET = (
     UnknownFrame,
     Disconnected,
@@ -43,8 +43,8 @@ NO_ANSWER_YET = (
     NoSampleNear,
     InvalidTransform,
 )
-LINGERS = 1.0  # seconds that the thread stays for the next wait
-# How a wait ended, as `_ended_waits` says it.
+LINGERS = 1.0  # seconds until the idle thread ends
+# Ends of a wait, as `_ended_waits` returns them.
 CAME, TIMED_OUT, STOPPED = 0, 1, 4
 
 CANCELLED = (None, None)
@@ -53,7 +53,7 @@ LOGGER = logging.getLogger("tfdb")
 
 Loop: TypeAlias = "asyncio.AbstractEventLoop"
 End: TypeAlias = int | MemoryError
-"""End of a wait: an argument of `Buffer._check_wait`, or an exception."""
+"""The end of a wait: an argument of `Buffer._check_wait`, or an exception."""
 Tell: TypeAlias = "Callable[[End], None]"
 
 
@@ -66,7 +66,7 @@ def _report_all(ended: Iterable[tuple[Tell, End]]) -> None:
     for tell, how in ended:
         try:
             tell(how)
-        except BaseException as error:  # the others are told all the same
+        except BaseException as error:  # report the other ends first
             if isinstance(error, Exception) or not _in_main_thread():
                 LOGGER.exception("what waited for a transform raised")
             else:
@@ -80,12 +80,12 @@ def _in_main_thread() -> bool:
 
 
 class _Teller:
-    """Waits in a thread of its own for all that is begun on one buffer."""
+    """Waits in one thread for all waits of a buffer."""
 
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
         self.waits: dict[int, tuple[Loop | None, Tell]] = {}
-        # Held by the thread that takes ended waits. A writer holds it over its commit and takes
+        # Held by the thread that takes ended waits. A writer holds it during its commit, and takes
         # the waits that the commit ended. Callbacks run without the lock.
         self.taking: AbstractContextManager[bool] = threading.RLock()
         buffer._set_waits_begun(begun=True)
@@ -110,7 +110,7 @@ class _Teller:
             self.tell(ended)
 
     def tell(self, ended: Mapping[int, End]) -> None:
-        """Report the ends of waits, each in its loop or in this thread."""
+        """Report the ends of waits, each in its event loop, or in this thread without one."""
         told: defaultdict[Loop | None, list[tuple[Tell, End]]] = defaultdict(list)
         for number, how in ended.items():
             with _lock:
@@ -119,15 +119,15 @@ class _Teller:
                 told[loop].append((tell, how))
         for loop, members in told.items():
             if loop is not None:
-                with suppress(RuntimeError):  # a closed loop has no waiter any more
+                with suppress(RuntimeError):  # a closed loop has no waiting coroutine
                     loop.call_soon_threadsafe(_report_all, members)
         _report_all(told[None])
 
 
 def write(buffer: Buffer, store: Callable[[], Result]) -> Result:
-    """Call `store`, which writes to a buffer; then tell, in this thread, the waits that it ended.
+    """Call `store`, which writes to a buffer; then report, in this thread, the waits it ended.
 
-    Returns what `store` returns. Where it raises, ended waits are told as well.
+    Returns the result of `store`. If `store` raises, ended waits are reported as well.
     """
     teller = _tellers.get(id(buffer))
     if teller is None:
@@ -138,7 +138,7 @@ def write(buffer: Buffer, store: Callable[[], Result]) -> Result:
             try:
                 return store()
             finally:
-                with suppress(MemoryError):  # the teller takes them
+                with suppress(MemoryError):  # the waiting thread takes them
                     ended = buffer._ended_waits(0)
     finally:
         teller.tell(ended)
@@ -152,7 +152,7 @@ class Wait:
         self._number = number
 
     def cancel(self) -> None:
-        """End it untold; nothing happens if it has ended."""
+        """End the wait without a report; does nothing if it has ended."""
         with _lock:
             if self._teller.waits.pop(self._number, None) is not None:
                 self._teller.buffer._cancel_wait(self._number)
@@ -161,9 +161,10 @@ class Wait:
 def begin(
     buffer: Buffer, ask: Callable[[], int], tell: Tell, loop: Loop | None = None
 ) -> Wait | None:
-    """Begin a wait, whose end is told once, in `loop` or in the thread of the buffer's waits.
+    """Begin a wait. Its end is reported once, in `loop` or in the thread of the buffer's waits.
 
-    `ask` is one of the store's `_begin_wait` functions. None: its answer is there; nothing is told.
+    `ask` is one of the store's `_begin_wait` functions. Returns None, without a report, if the
+    answer exists already.
     """
     with _lock:
         number = ask()
@@ -176,9 +177,9 @@ def begin(
     return Wait(teller, number)
 
 
-# Collected garbage may be a coroutine that waits, and is then closed by a thread that has the lock.
+# The garbage collector may close a waiting coroutine in a thread that holds the lock.
 _lock = threading.RLock()
-_tellers: dict[int, _Teller] = {}  # by the identity of the buffer, which its teller keeps alive
+_tellers: dict[int, _Teller] = {}  # by the id of the buffer; its value keeps the buffer alive
 
 
 def _forget_parent() -> None:
@@ -191,7 +192,7 @@ os.register_at_fork(after_in_child=_forget_parent)
 
 
 async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) -> int:
-    """Return the end of a wait that `ask` starts, by the loop's clock."""
+    """Return the end of a wait that `ask` starts; its duration is by the loop's clock."""
     import asyncio  # noqa: PLC0415 - it takes as long as all of tfdb
 
     loop = asyncio.get_running_loop()
@@ -218,7 +219,7 @@ async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) ->
 
 
 def check(buffer: Buffer, how: End) -> int:
-    """Raise the error of a wait, or return the newest commit."""
+    """Return the newest commit, or raise the error that ended a wait."""
     if isinstance(how, MemoryError):
         raise how
     return buffer._check_wait(how)
@@ -235,18 +236,18 @@ def _until(limit: int | None) -> float | None:
 
 
 def how_long(waited: int, *, stopped: bool) -> str:
-    """Word the length of a wait in nanoseconds, and an end by its node."""
+    """Describe how long a wait took, and whether its node was shut down."""
     return f"waited {waited / 1e9:.3f} s" + (", then its node was shut down" if stopped else "")
 
 
 def late(error: TfdbError, waited: int, stopped: bool) -> TfdbError:
-    """Add to the error of a lookup how long it was waited for."""
+    """Add the duration of the wait to the error of a lookup."""
     error.args = (f"{error}; {how_long(waited, stopped=stopped)}",)
     return error
 
 
 def no_commit(after: int, limit: int | None, waited: int, stopped: bool) -> WaitTimeout:
-    """Make the error of a wait for a commit that did not come."""
+    """Make the error of a wait for a commit that reached its timeout."""
     text = (
         f"no commit followed commit {after}; {how_long(waited, stopped=stopped)}: check that a "
         "process writes to the store, or wait longer"

@@ -1,4 +1,4 @@
-"""Arguments of a trajectory's methods: tolerances, intervals, transforms that chain."""
+"""Checks of the arguments of a trajectory's methods."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def tolerance(value: float, name: str) -> float:
 
 
 def nanoseconds_of(interval: float) -> int:
-    """Nanoseconds of an interval in seconds."""
+    """Convert an interval in seconds to nanoseconds."""
     number = _number(interval) * 1e9
     if not 1.0 <= number <= MAX_STAMP:
         most = format_seconds(MAX_STAMP)
@@ -42,7 +42,7 @@ def nanoseconds_of(interval: float) -> int:
 
 
 def chains(other: object, written: str, instead: str) -> bool:
-    """Whether `other` is a Transform; False lets Python try its own operator."""
+    """Return whether `other` is a Transform. False: Python tries the operator of `other`."""
     if isinstance(other, Transform):
         return True
     if isinstance(other, list | tuple) or hasattr(other, "__array__"):
@@ -52,7 +52,7 @@ def chains(other: object, written: str, instead: str) -> bool:
 
 
 def check_chain(target: str, source: str, second_target: str, second_source: str) -> None:
-    """Raise InvalidArgument where T[target<-source] @ the second do not chain."""
+    """Raise InvalidArgument if T[target<-source] @ T[second_target<-...] do not chain."""
     if source != second_target:
         raise InvalidArgument(
             f"T[{target}<-{source}] @ T[{second_target}<-{second_source}] do not chain: the first "
@@ -63,12 +63,12 @@ def check_chain(target: str, source: str, second_target: str, second_source: str
 
 
 def are_many(stamps: Any) -> bool:
-    """Whether it is more than one stamp."""
+    """Return whether the argument is a collection of stamps."""
     if getattr(stamps, "shape", None) == ():
         return False
     return hasattr(stamps, "__len__") or hasattr(stamps, "__iter__")
 
 
 def are_none(stamps: Any) -> bool:
-    """Whether it is an empty collection."""
+    """Return whether the argument is an empty collection."""
     return hasattr(stamps, "__len__") and len(stamps) == 0

@@ -1,7 +1,8 @@
-"""Finds stamp and pose among the columns of a table, by the names that programs give them.
+"""Finds the columns of stamp and pose in a table by their names.
 
-Known are the names of TUM and EuRoC files, `rostopic echo -p`, bagpy, PlotJuggler and evo, and all
-that read alike: a word for time, and `x`, `y`, `z`, `w` behind a word for positions or rotations.
+It knows the names in TUM and EuRoC files, and those of `rostopic echo -p`, bagpy, PlotJuggler and
+evo. Similar names are valid: a word for time, and `x`, `y`, `z`, `w` after a word for positions or
+rotations.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class NamesError(ValueError):
 class PoseColumns:
     """The columns of stamp and pose.
 
-    `pose` are the places of x, y, z, qx, qy, qz, qw. `nanoseconds` is where those of the stamp
-    stand, if `stamp` holds whole seconds. `unit` is that of the stamps where the name says it.
+    `pose` has the positions of x, y, z, qx, qy, qz, qw. If `stamp` holds whole seconds,
+    `nanoseconds` is the column with the rest. `unit` is the unit that the name of the stamp states.
     """
 
     stamp: int
@@ -59,7 +60,7 @@ class PoseColumns:
 
 @dataclass(frozen=True)
 class _Name:
-    """The words of a name, and the unit in brackets after it."""
+    """The words of a column name, and its unit in brackets."""
 
     raw: str
     words: Words
@@ -78,7 +79,7 @@ class _Time:
 
 
 def named_columns(names: Sequence[str]) -> PoseColumns:
-    """Find stamp and pose among the names of columns; raises NamesError where they are not sure."""
+    """Find stamp and pose among the names of columns; raises NamesError if they are ambiguous."""
     read = [_read(name) for name in names]
     positions = _complete_parts("xyz", _parts(read, _POSITION, _FUSED_POSITION))
     rotations = _complete_parts("xyzw", _parts(read, _ROTATION, _FUSED_ROTATION))
@@ -113,7 +114,7 @@ def _read(name: str) -> _Name:
 def _parts(
     names: Sequence[_Name], kinds: frozenset[str], fused: re.Pattern[str]
 ) -> dict[Words, dict[str, int]]:
-    """The places of x, y, z (and w) by their prefix, such as `pose`, `position`."""
+    """Return the columns of x, y, z (and w) by their prefix, such as `pose`, `position`."""
     found: dict[Words, dict[str, int]] = defaultdict(dict)
     for place, name in enumerate(names):
         if not name.words:
@@ -133,7 +134,7 @@ def _parts(
 
 
 def _is_of(before: Sequence[str], kinds: frozenset[str]) -> bool:
-    """Whether an axis belongs to `kinds`. A lone axis, or one of a pose, is of a position."""
+    """Return whether an axis belongs to `kinds`. `x` alone, or of a pose, is a position."""
     rotates = bool(_ROTATION.intersection(before))
     if kinds is _ROTATION:
         return rotates
@@ -141,7 +142,7 @@ def _is_of(before: Sequence[str], kinds: frozenset[str]) -> bool:
 
 
 def _complete_parts(axes: str, parts: Parts) -> dict[Words, dict[str, int]]:
-    """Keep the parts with all axes, in their order."""
+    """Keep the parts that have all axes."""
     return {
         key: {axis: found[axis] for axis in axes}
         for key, found in parts.items()
@@ -150,7 +151,7 @@ def _complete_parts(axes: str, parts: Parts) -> dict[Words, dict[str, int]]:
 
 
 def _one_pose(names: Sequence[str], positions: Parts, rotations: Parts) -> tuple[Words, Words]:
-    """The position and the rotation that belong together."""
+    """Return the position and the rotation of the same pose."""
     if len(positions) == len(rotations) == 1:
         return next(iter(positions)), next(iter(rotations))
     pairs = [
@@ -170,7 +171,7 @@ def _stem(words: Words, kinds: frozenset[str]) -> Words:
 
 
 def _times(names: Sequence[_Name]) -> list[_Time]:
-    """The columns that may hold the stamps."""
+    """Return the columns that may hold the stamps."""
     halves: dict[Words, dict[str, int]] = defaultdict(dict)
     for place, name in enumerate(names):
         *before, last = name.words or ("",)
@@ -206,7 +207,7 @@ def _single(place: int, name: _Name) -> _Time | None:
 
 
 def _rank(words: Words) -> int:
-    """Prefer the stamp of a message's header, then a plain time, then other times."""
+    """Return the rank of a time: header stamps come first, then plain times, then others."""
     return 0 if "header" in words else 1 if len(words) <= 1 else 2
 
 
@@ -222,7 +223,7 @@ def _best(names: Sequence[str], times: Sequence[_Time], position: Words) -> _Tim
 
 
 def _common(words: Words, others: Words) -> int:
-    """Count the words that both begin with."""
+    """Count the leading words that both have in common."""
     count = 0
     for ours, theirs in zip(words, others, strict=False):
         if ours != theirs:

@@ -1,7 +1,7 @@
-"""Finds the columns of stamp and pose in a trajectory file of text.
+"""Finds the columns of stamp and pose in a text file.
 
-The names of a heading decide. Without names the number of columns does where one program writes
-so; what could be something else as well is noted for the user, or refused.
+The names in a header decide. Without a header the number of columns decides, if only one program
+writes this number. Guesses are noted for the user; ambiguous files are refused.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ NAME_THEM = (
 
 @dataclass(frozen=True)
 class Layout:
-    """How the lines of a file are read.
+    """The columns of a file.
 
     Parameters
     ----------
     text
-        The columns in words, for errors.
+        The columns as text, for errors.
     separator
         None: blanks.
     counts
         Valid numbers of columns.
     order
-        Where each of `COLUMNS` stands.
+        The position of each of `COLUMNS`.
     nanoseconds
-        Where the nanoseconds of the stamp stand, when its seconds have a column of their own.
+        The column with the nanoseconds of the stamp, if its seconds have a separate column.
     unit
-        Of the stamps; None: found by their size.
+        Unit of the stamps; None: found by their size.
     whole
         Stamps with decimals are errors.
     holes
-        A pose may be missing: empty or NaN as a whole.
+        A pose may be missing: empty, or NaN as a whole.
     note
-        What the user must know about the columns, empty where nothing was guessed.
+        A guess about the columns that the user must know; empty without a guess.
     """
 
     text: str
@@ -67,7 +67,7 @@ class Layout:
     note: str = ""
 
     def fields(self, line: str) -> list[str]:
-        """The fields of a line; a separator behind the last one is not a field."""
+        """Split a line into fields; a separator at its end adds no field."""
         fields = split(line, self.separator)
         if self.separator and not fields[-1] and len(fields) - 1 in self.counts:
             fields.pop()
@@ -82,14 +82,14 @@ _CSV = Layout(",".join(COLUMNS), ",", (8,), unit="ns", whole=True, holes=True)
 _LAYOUTS = {"tum": _TUM, "euroc": _EUROC, "csv": _CSV}
 _COVARIANCES = 20
 _QUATERNION = re.compile(r"\bq(?:\w*_)?([wxyz])\b", re.IGNORECASE)
-"""The names that a heading has for the parts of a quaternion: `qx`, `q_x`, `q_RS_x []`."""
+"""Matches header names of the parts of a quaternion: `qx`, `q_x`, `q_RS_x []`."""
 
 
 def layout_of(lines: Lines, kind: str | None) -> Layout | None:
-    """How the lines of a file are read; None: they are KITTI poses.
+    """Return the columns of a file; None for KITTI poses.
 
-    `kind` is `tum`, `euroc`, `csv` or None. Raises TrajectoryError where the heading says something
-    else, or the columns could be several things.
+    `kind` is `tum`, `euroc`, `csv` or None. Raises TrajectoryError if the header contradicts it, or
+    the columns are ambiguous.
     """
     sample = _sample(lines)
     if sample is None:
@@ -113,7 +113,7 @@ def layout_of(lines: Lines, kind: str | None) -> Layout | None:
 
 
 def _sample(lines: Lines) -> Row | None:
-    """The first line with as many columns as most have."""
+    """Return the first line with the most frequent number of columns."""
     rows = lines.rows
     if not rows:
         return None
@@ -123,16 +123,16 @@ def _sample(lines: Lines) -> Row | None:
 
 
 def _named(lines: Lines, sample: Row, separator: str | None, *, fallback: bool) -> Layout | None:
-    """The layout that a header names; None without a header.
+    """Return the columns that a header names; None without a header.
 
-    A comment counts only if it names all that is needed. A heading that is not a comment must,
-    unless there is a `fallback`.
+    A comment is a header only if it names all needed columns. A header that is not a comment must name
+    them, except with a `fallback`.
     """
     fields = split(sample[1], separator)
     for number, heading in reversed(list(lines.headings())):
         failures: list[NamesError] = []
         for names in _names_of(heading, separator):
-            # Of an index there may be no name.
+            # An index column may have no name.
             if len(names) == len(fields) - 1 and _first_counts(lines, separator):
                 names.insert(0, "")
             try:
@@ -145,7 +145,7 @@ def _named(lines: Lines, sample: Row, separator: str | None, *, fallback: bool) 
 
 
 def _names_of(heading: str, separator: str | None) -> list[list[str]]:
-    """The names in a heading, by the separator of the data and by others."""
+    """Yield the names in a header, split by the separator of the data, then by others."""
     glued = re.sub(r"\s*([\[(])\s*([^\])\d]*?)\s*([\])])", r"\1\2\3", heading)
     separators = dict.fromkeys((separator, separator_of(heading), None))
     return [split(glued if each is None else heading, each) for each in separators]
@@ -176,7 +176,7 @@ def _layout_named(
 
 
 def _refuse_other_order(lines: Lines, kind: str, layout: Layout) -> bool:
-    """Refuse a heading that has the quaternion in another order; returns whether one has this."""
+    """Refuse a header with another quaternion order; return whether a header has this order."""
     confirmed = False
     found = sorted((place, part) for part, place in zip("xyzw", layout.order[4:], strict=True))
     expected = "".join(part for _, part in found)
@@ -193,7 +193,7 @@ def _refuse_other_order(lines: Lines, kind: str, layout: Layout) -> bool:
 
 
 def _guessed(lines: Lines, sample: Row, separator: str | None) -> Layout | None:
-    """The layout by the number of columns, if only one program writes that many."""
+    """Guess the columns by their number, if only one program writes this number."""
     number, first = sample
     fields = split(first, separator)
     if separator and not fields[-1]:
@@ -215,7 +215,7 @@ def _guessed(lines: Lines, sample: Row, separator: str | None) -> Layout | None:
     elif separator == "," and count in _EUROC.counts and is_whole(fields[0]):
         more = {8: "", 11: ",vx,vy,vz"}.get(count, ",...")
         note = f"{count} columns without known names: taken as `{_EUROC.text}{more}`"
-        note = "" if count == 17 else note  # nothing else has so many
+        note = "" if count == 17 else note  # only EuRoC has this number
         return _checked(lines, "euroc", replace(_EUROC, counts=(count,), note=note))
     what = {None: "blanks", "\t": "tabs", ",": "commas", ";": "semicolons"}[separator]
     if count in (8, 9, 11, 17, _COVARIANCES):
@@ -229,14 +229,14 @@ def _guessed(lines: Lines, sample: Row, separator: str | None) -> Layout | None:
 
 
 def _checked(lines: Lines, kind: str, layout: Layout) -> Layout:
-    """The layout, with nothing to note where a heading has its order of the quaternion."""
+    """Return the columns; without a note if a header has their quaternion order."""
     if _refuse_other_order(lines, kind, layout) and kind == "euroc":
         return replace(layout, note="")
     return layout
 
 
 def _first_counts(lines: Lines, separator: str | None) -> bool:
-    """Whether the first column counts the rows from 0 or 1."""
+    """Return whether the first column counts the rows from 0 or 1."""
     firsts = [split(line, separator)[0] for _, line in lines.rows]
     start = firsts[0]
     return start in ("0", "1") and all(

@@ -1,4 +1,4 @@
-"""The lines of a trajectory in text: data, comments, headings; which separator and columns."""
+"""The lines of a trajectory in a text file: data, comments, headers, separators."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ _NUMBER_FIRST = re.compile(r"[\s,;\"']*[-+.]?\d")
 _LAST_DECIMALS = re.compile(r"(?:^|[\s,;\"'])[-+]?\d+(?:\.(\d*))?[\"'\s,;]*$")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 _COMMENT = re.compile(r"(?:#|//|%(?=\s|$))+\s*")
-"""Before a comment; `%time` is a name of `rostopic echo -p`."""
+"""Begin a comment; `%time` is a column name of `rostopic echo -p`."""
 _MANY_ROWS, _MANY_DECIMALS = 10, 4
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _ZEROS = re.compile(rb"\0{16,}")
-"""Such a block stands where the text of a file never reached the disk."""
+"""A block of zero bytes: after a power cut it stands for text that was not written."""
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f\x7f]")
 
 
 class Lines:
-    """The lines of a text file that carry data, with their numbers.
+    """The data lines of a text file, with their numbers.
 
-    Raises TrajectoryError for binary files and text that is not UTF-8; with `salvage` only the
-    lines with broken characters are lost.
+    Raises TrajectoryError for binary files and text that is not UTF-8. With `salvage`, only lines
+    with invalid characters are skipped.
     """
 
     def __init__(self, path: Path, raw: bytes, *, salvage: bool = False) -> None:
@@ -49,14 +49,14 @@ class Lines:
             if (stripped := line.strip())
             and not (stripped[0] in "#/%" and _COMMENT.match(stripped))
         ]
-        """The lines with data: all but comments and a heading."""
+        """The lines with data: all except comments and a header."""
         self.heading: tuple[int, str] | None = None
-        """The first line, where it is neither a comment nor data."""
+        """The first line, if it is neither a comment nor data."""
         if self.rows and is_heading(self.rows[0][1]):
             self.heading = self.rows.pop(0)
 
     def headings(self) -> Iterator[tuple[int, str]]:
-        """The lines before the first that begins with a number: comments, names of columns."""
+        """The lines before the first data: comments and column names."""
         for number, line in enumerate(self._all, start=1):
             if _NUMBER_FIRST.match(line):
                 return
@@ -64,9 +64,9 @@ class Lines:
                 yield number, _COMMENT.sub("", line.strip(), count=1)
 
     def cut(self) -> str | None:
-        """The reason why the last row seems cut: no end of line, and fewer decimals than before.
+        """Return why the last row seems cut: no end of line, and fewer decimals than other rows.
 
-        Only where those are many, and have as many decimals, as a program writes them.
+        Empty unless the other rows are many and have equally many decimals.
         """
         if self._ends or len(self.rows) < _MANY_ROWS:
             return None
@@ -79,11 +79,11 @@ class Lines:
         return f"the file ends within a number, with {last} decimals instead of {others[0]}"
 
     def error(self, line: int | None, reason: str) -> TrajectoryError:
-        """An error about one of the lines, or about the file."""
+        """Make an error about a line, or about the file."""
         return TrajectoryError(self.path, line, reason)
 
     def skippable(self, line: int | None, reason: str) -> TrajectoryError:
-        """An error about a line that salvaging skips."""
+        """Make an error about a line that `salvage` skips."""
         return self.error(line, f"{reason}; {SALVAGE} skips such rows")
 
 
@@ -101,7 +101,7 @@ def _check_zeros(path: Path, raw: bytes) -> None:
 
 
 def zeros(line: str) -> str | None:
-    """The reason why a line with zero bytes is not a row; None without them."""
+    """Return why a line with zero bytes is not a row; None without zero bytes."""
     count = line.count("\0")
     if not count:
         return None
@@ -111,7 +111,7 @@ def zeros(line: str) -> str | None:
 
 
 def is_heading(line: str) -> bool:
-    """Whether a line names columns: no field of it is a number."""
+    """Return whether a line names columns: none of its fields is a number."""
     if _NUMBER_FIRST.match(line):
         return False
     return not any(_is_number(field) for field in split(line, separator_of(line)))
@@ -126,11 +126,11 @@ def _is_number(field: str) -> bool:
 
 
 def separator_of(line: str) -> str | None:
-    """Separator of the columns; None for blanks."""
+    """Return the separator of the columns; None for blanks."""
     for separator in (";", ","):
         if separator in line:
             return separator
-    # An empty field between tabs counts; blanks among them are the separator of others.
+    # Tabs separate empty fields too, unless blanks stand between them.
     return "\t" if line.count("\t") >= 7 and " " not in line else None
 
 
@@ -143,7 +143,7 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def has_decimal_commas(line: str) -> bool:
-    """Whether the numbers of a line are written as in `0,5`."""
+    """Return whether the numbers of a line have decimal commas, as in `0,5`."""
     for separator in (";", None):
         fields = split(line, separator)
         if sum(_DECIMAL_COMMA.fullmatch(field) is not None for field in fields) >= 7:

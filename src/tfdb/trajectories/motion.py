@@ -27,7 +27,7 @@ def velocities_of(
     valid: npt.NDArray[np.bool_],
     length: int,
 ) -> tuple[Array, Array]:
-    """Linear and angular velocities (N, 3), as `Trajectory.velocities` returns them.
+    """Return linear and angular velocities (N, 3), for `Trajectory.velocities`.
 
     `names`: target, source, and the source's name in `store`; `length`: nanoseconds.
     """

@@ -1,7 +1,7 @@
-"""Trajectories: TUM, KITTI, EuRoC and CSV files, and the NPZ and Parquet that tfdb writes itself.
+"""Reads trajectories: TUM, KITTI, EuRoC and CSV files, and tfdb's own NPZ and Parquet files.
 
-A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. Most files
-do not name the frames: `Trajectory.read(path, target=, source=)` does.
+A trajectory is the motion of one frame in another: stamps and poses `T[target<-source]`. Most files
+do not name the frames; `Trajectory.read(path, target=, source=)` does.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ Made = TypeVar("Made", bound=Sized)
 """`Trajectory`, or a class derived from it."""
 
 _NAMES = ("world", "body")
-"""The frames of files that name none."""
+"""The frame names for files without names."""
 
 
 MAX_BYTES = 256 * 2**20
-"""The arrays of an NPZ file may take so much memory."""
+"""Largest size in bytes of the arrays of an NPZ file."""
 
 
 def read_with_rows(
@@ -65,7 +65,7 @@ def read_with_rows(
     """Read a trajectory file as `Trajectory.read`, and count its rows instead of a warning.
 
     `make`: the class of the result, `Trajectory` or one derived from it.
-    `by_row`: KITTI poses without a file of times get the number of their row as their second.
+    `by_row`: KITTI poses without a file of times get their row numbers as stamps in seconds.
     """
     given: object = format
     if given is not None and not (isinstance(given, str) and given in FORMATS):
@@ -104,26 +104,26 @@ _NO_UNIT = "a unit belongs to stamps in text"
 
 
 def checked_unit(path: object, unit: Any) -> Unit | None:
-    """The unit of stamps; raises TrajectoryError for any other word."""
+    """Return the unit of stamps; raises TrajectoryError for an unknown unit."""
     if unit is None or (isinstance(unit, str) and unit in UNITS):
         return unit
     raise TrajectoryError(path, None, not_one_of("stamp_unit", unit, UNITS))
 
 
 def kitti_times(path: Path) -> bool | None:
-    """Whether a file of KITTI poses has a file of times beside it; None for other files."""
+    """Return whether a file of KITTI poses has a file of times beside it; None for other files."""
     raw = _read(path)
     if any(raw.startswith(magic) for magic, _ in _MAGICS):
         return None
     try:
         is_kitti = layout_of(Lines(path, raw, salvage=True), None) is None
     except TrajectoryError:
-        return None  # reading it raises the same
+        return None  # reading the file raises this error again
     return _find_times(path) is not None if is_kitti else None
 
 
 def _read(path: Path) -> bytes:
-    """The bytes of a file or pipe; refuses devices, which may be endless."""
+    """Read a file or pipe; devices are refused, because they may be endless."""
     with errors_name(path):
         if stat.S_ISCHR(path.stat().st_mode):
             raise TrajectoryError(path, None, "not a regular file")
@@ -184,7 +184,7 @@ def _of_arrays(
     *,
     salvage: bool,
 ) -> tuple[Made, TrajectoryRows]:
-    """A trajectory of the arrays of a file."""
+    """Make a trajectory from the arrays of a file."""
     report = TrajectoryRows(str(path))
     try:
         if salvage:
@@ -202,7 +202,7 @@ def _of_arrays(
 
 
 def _arrays(stamps: Any, poses: Any) -> tuple[Stamps, Poses]:
-    """Arrays as they are salvaged; raises InvalidArray for those of other kinds and shapes."""
+    """Convert arrays for `salvage`; raises InvalidArray for other types and shapes."""
     when = np.asarray(stamps)
     try:
         rows = doubles(poses)
@@ -236,7 +236,7 @@ def _no_times(path: Path) -> TrajectoryError:
 def _read_kitti(
     lines: Lines, times: Path | None, unit: Unit | None, *, salvage: bool
 ) -> tuple[Stamps, Poses, TrajectoryRows]:
-    """The poses and their stamps, row by row; an invalid row drops its stamp."""
+    """Read the poses and their stamps, row by row; an invalid row also drops its stamp."""
     report = TrajectoryRows(str(lines.path), rows=len(lines.rows))
     if not lines.rows:
         raise lines.error(None, "no pose in it")
@@ -270,7 +270,7 @@ def _read_kitti(
 
 
 def _kitti_reason(line: str) -> str | None:
-    """Why a line is not a 3x4 matrix."""
+    """Describe why a line is not a 3x4 matrix."""
     broken = zeros(line)
     if broken is not None:
         return broken
@@ -292,7 +292,7 @@ def _kitti_poses(
     *,
     salvage: bool,
 ) -> Poses:
-    """The poses of 3x4 matrices; with `salvage` those that are not rotations leave `kept`."""
+    """Convert 3x4 matrices to poses; with `salvage`, invalid rotations are removed from `kept`."""
     matrices = np.tile(np.eye(4), (len(rows), 1, 1))
     matrices[:, :3] = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
     try:
@@ -318,7 +318,7 @@ def _kitti_poses(
 def _read_times(
     path: Path, unit: Unit | None, report: TrajectoryRows, *, salvage: bool
 ) -> list[int | None]:
-    """The stamps of a file of times; with `salvage`, None for an invalid row."""
+    """Read the stamps of a file of times; with `salvage`, an invalid row is None."""
     lines = Lines(path, _read(path), salvage=salvage)
     rows = [*([] if lines.heading is None else [lines.heading]), *lines.rows]
     stamps: list[int | None] = []

@@ -60,7 +60,7 @@ class TrajectoryRows:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """The skipped rows, as losses of a salvaged recording."""
+        """Return the skipped rows as losses of a salvaged recording."""
         if not self.skipped:
             return ()
         more = f", and {self.skipped - 1:,} more rows" if self.skipped > 1 else ""
@@ -91,6 +91,6 @@ class TrajectoryRows:
 
 
 def warn_of_rows(rows: TrajectoryRows, depth: int) -> None:
-    """Warn of what `complaints` says; `depth` frames up is the caller."""
+    """Warn with the texts of `complaints`; the caller is `depth` frames up."""
     for text in rows.complaints():
         warnings.warn(text, TfdbWarning, stacklevel=depth + 1)

@@ -1,4 +1,4 @@
-"""Rows of a trajectory file to stamps and poses, with counts of repeated and skipped rows."""
+"""Converts rows of a trajectory file to stamps and poses; counts repeated and skipped rows."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ Stamps: TypeAlias = npt.NDArray[np.int64]
 Poses: TypeAlias = npt.NDArray[np.float64]
 
 MAX_MENDED = 0.1
-"""Of a quaternion's squared length: nearer to 1, it is digits that are missing."""
+"""Error of a quaternion's squared length that counts as rounding by few digits."""
 _NOTHING = ("", "nan")
 """Text for the numbers of a missing pose in a CSV file."""
 _YEARS = 630_000_000, 4_200_000_000
-"""Seconds of 1989 and 2103: the years in which stamps of other units are looked for."""
+"""Seconds of 1989 and 2103: a stamp in another unit is recognised between these years."""
 _NEAR = 0.01, math.radians(1.0)
-"""Metres and radians that a repeated stamp's pose may be off without being another one."""
+"""Metres and radians: poses of one stamp that differ by less count as equal."""
 _LONG_STEP = 100 * NS_PER_SECOND
 
 
@@ -102,7 +102,7 @@ def finish_rows(
 ) -> tuple[Stamps, Poses]:
     """Keep the last row of each stamp; with `salvage`, sort the rows. Stamps then increase.
 
-    `numbers` are the lines of the rows. Raises TrajectoryError where stamps run backwards.
+    `numbers` are the lines of the rows. Raises TrajectoryError if stamps decrease.
     """
     steps = np.diff(stamps)
     back = np.flatnonzero(steps < 0)
@@ -167,7 +167,7 @@ def repair_rows(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses
 
 
 def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str], list[float]]:
-    """The text of the stamp, in one or two columns, and the pose; raises ``ValueError``."""
+    """Return the stamp's text, from one or two columns, and the pose; raises ``ValueError``."""
     broken = zeros(line)
     if broken is not None:
         raise ValueError(broken)
@@ -230,9 +230,9 @@ def _unit(
     texts: Sequence[tuple[str, str]],
     report: TrajectoryRows,
 ) -> tuple[Unit, dict[int, str]]:
-    """The unit of the stamps: as given, as the format says, or by their size.
+    """Return the unit of the stamps: the given one, that of the format, or one by their size.
 
-    In the last case also why some stamps are of another unit, by line.
+    In the last case also return, by line, why the size of a stamp fits another unit.
     """
     if given is not None or layout.unit is not None:
         return given or layout.unit or "s", {}
@@ -259,7 +259,7 @@ def _unit(
 
 
 def _unit_by_size(size: int) -> Unit | None:
-    """The unit that a stamp of that size has; None: it is too large, and no date in any."""
+    """Return the unit of a stamp by its size; None if it is too large and no date in any unit."""
     if size <= MAX_STAMP // NS_PER_SECOND:
         return "s"
     for unit, (power, _) in UNITS.items():
@@ -270,7 +270,7 @@ def _unit_by_size(size: int) -> Unit | None:
 
 
 def _odd_units(usual: Unit, sizes: Mapping[int, int], shown: Mapping[int, str]) -> dict[int, str]:
-    """The reasons, by line, against stamps whose size fits another unit than most."""
+    """Return, by line, why the size of a stamp does not fit the unit of most stamps."""
     if not sizes or _unit_by_size(min(sizes.values())) == _unit_by_size(max(sizes.values())):
         return {}
     units = {line: _unit_by_size(size) for line, size in sizes.items() if size >= 0}
@@ -289,7 +289,7 @@ def _odd_units(usual: Unit, sizes: Mapping[int, int], shown: Mapping[int, str]) 
 
 
 def _of_unit(unit: Unit, given: Unit | None, layout: Layout) -> str:
-    """Addition to an error about a stamp with a guessed unit."""
+    """Return an addition to the error about a stamp whose unit was guessed."""
     if given is not None or layout.unit is not None or unit != "s":
         return ""
     return "; stamps are read as seconds, stamp_unit= (--stamp-unit) sets another unit"
@@ -298,7 +298,7 @@ def _of_unit(unit: Unit, given: Unit | None, layout: Layout) -> str:
 def _doubt_seconds(
     stamps: Stamps, texts: Sequence[tuple[str, str]], report: TrajectoryRows
 ) -> None:
-    """Note whole numbers so far apart that they hardly are seconds."""
+    """Note integer stamps that are too far apart for seconds."""
     if len(stamps) < 3 or not all(first.isdecimal() and not rest for first, rest in texts):
         return
     step = int(np.median(np.diff(stamps)))

@@ -1,4 +1,4 @@
-"""Trajectories into stores."""
+"""Stores trajectories in buffers."""
 
 from __future__ import annotations
 

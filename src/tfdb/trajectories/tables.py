@@ -78,7 +78,7 @@ def read_parquet(
 ) -> tuple[str, str, Any]:
     """Read a Parquet file: target and source, from its metadata if not given, and the table.
 
-    `otherwise` are their names where neither says them; `raw` is the file's content.
+    `otherwise`: their names if neither has them; `raw`: the content of the file.
     """
     pl = _polars("a Parquet file")
     try:
@@ -102,14 +102,14 @@ def trajectory_error(path: object, reason: str) -> TrajectoryError:
 
 
 def columns_of(table: Any) -> tuple[Any, Any]:
-    """Take stamps and poses (N, 7) out of whatever gives its columns by name."""
+    """Return stamps and poses (N, 7) of an object that returns columns by name."""
     import numpy as np
 
     taken: list[Any] = []
     for name in COLUMNS:
         try:
             taken.append(table[name])
-        except Exception as error:  # each library has errors of its own
+        except Exception as error:  # each library raises other errors
             wanted = ", ".join(COLUMNS)
             reason = f"no column {name!r} in a {type(table).__name__}; a trajectory has {wanted}"
             raise InvalidArray(reason, reason=reason) from error

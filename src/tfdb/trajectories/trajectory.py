@@ -143,7 +143,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         poses: npt.NDArray[np.float64],
         repeated: int = 0,
     ) -> None:
-        """Take arrays that are not written to any more."""
+        """Set the arrays; the caller must not change them afterwards."""
         self._target, self._source, self._repeated = target, source, repeated
         self._stamps, self._poses = stamps.view(), poses.view()
         self._stamps.setflags(write=False)
@@ -159,7 +159,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         poses: npt.NDArray[np.float64],
         repeated: int = 0,
     ) -> Trajectory:
-        """Make a trajectory without checks."""
+        """Make a trajectory from valid arrays, without checks."""
         made = cls.__new__(cls)
         made._set(target, source, stamps, poses, repeated)
         return made
@@ -294,7 +294,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
         with np.errstate(over="ignore"):
             x, y, z = np.diff(self.translations[self.valid], axis=0).T
-            return float(np.hypot(np.hypot(x, y), z).sum())  # of any size, down to denormal
+            return float(np.hypot(np.hypot(x, y), z).sum())  # also of denormal numbers
 
     @property
     def seconds(self) -> npt.NDArray[np.float64]:
