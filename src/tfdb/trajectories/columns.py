@@ -125,8 +125,8 @@ def _sample(lines: Lines) -> Row | None:
 def _named(lines: Lines, sample: Row, separator: str | None, *, fallback: bool) -> Layout | None:
     """Return the columns that a header names; None without a header.
 
-    A comment is a header only if it names all needed columns. A header that is not a comment must name
-    them, except with a `fallback`.
+    A comment is a header only if it names all needed columns. A header that is not a comment must
+    name them, except with a `fallback`.
     """
     fields = split(sample[1], separator)
     for number, heading in reversed(list(lines.headings())):
