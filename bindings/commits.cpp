@@ -92,12 +92,14 @@ nb::bytes state_bytes_as(BufferObject& self, nb::handle source) {
     return bytes_of(bytes);
 }
 
-/// Warns of each frame once.
-void warn_of_replaced(BufferObject& self, const std::vector<std::string>& frames,
-                      std::string_view source) {
-    for (const std::string& frame : frames) {
-        if (!self.warned.is_new(ErrorCode::kCycle, frame))
-            continue;
+/// Warns of each frame whose local parent was lost. Two sources of a shared frame may dispute it in
+/// each commit: of such a frame it warns once.
+void warn_of_lost(BufferObject& self, Applied applied, std::string_view source) {
+    for (std::string& frame : applied.disputed) {
+        if (self.warned.is_new(ErrorCode::kReadOnly, frame))
+            applied.replaced.push_back(std::move(frame));
+    }
+    for (const std::string& frame : applied.replaced) {
         const nb::object text =
             escaped("frame '" + frame + "' lost the parent that was stored here: source '" +
                     std::string(source) +
@@ -128,7 +130,7 @@ nb::object apply(BufferObject& self, nb::handle data, nb::handle source, nb::han
         applied = self.open_store().apply(bytes.bytes(), options);
     }
     nb::object position = position_record(applied.position);
-    warn_of_replaced(self, applied.replaced, options.source);
+    warn_of_lost(self, std::move(applied), options.source);
     return position;
 }
 

@@ -399,3 +399,82 @@ def test_a_frame_that_stays_for_a_local_child_is_left_to_local_writers(
     assert CAMERA not in fleet.frames()
     follow(lambda: robot.set_static_transform("base", "camera", *pose(8)))
     assert fleet.parent_of(CAMERA) == BASE
+
+
+@pytest.mark.parametrize("by_state", [False, True])
+def test_a_shared_frame_keeps_the_samples_of_another_source(by_state: bool) -> None:
+    """The source that created the frame removes it; the other source has stored its edge."""
+    robots = {"r1": tfdb.Buffer(), "r2": tfdb.Buffer()}
+    fleet = tfdb.Buffer()
+
+    def follow(name: str, by_state: bool = False) -> None:
+        positions = [each.commit for each in fleet.positions() if each.source == name]
+        data = robots[name].commits_bytes(*positions or [0])
+        if by_state:
+            with robots[name].snapshot() as snap:
+                data = snap.state_bytes()
+        fleet.apply(data, source=name, prefix=f"{name}/", shared=["map"])
+
+    robots["r1"].set_static_transform("map", "base", *pose(1))
+    follow("r1")
+    robots["r2"].set_transform("site", "map", S, *pose(2))
+    follow("r2")
+    robots["r1"].remove_frames("map", recursive=True)
+    follow("r1", by_state)
+    assert fleet.parent_of("map") == "r2/site"
+    assert (fleet.samples("map")[1] == robots["r2"].samples("map")[1]).all()
+    with pytest.raises(errors.ReadOnly, match="it comes from source 'r2'"):
+        fleet.remove_frames("map")
+    robots["r1"].set_static_transform("map", "base", *pose(3))
+    follow("r1")
+    assert fleet.lookup_transform("r2/site", "r1/base", S).stamp == S
+    robots["r1"].remove_frames("map", recursive=True)
+    follow("r1")
+    robots["r2"].remove_frames("map")
+    follow("r2")
+    assert fleet.frames() == ["r2/site"]
+
+
+def test_a_shared_frame_stays_while_another_source_names_it_as_an_earlier_parent() -> None:
+    one, other, fleet = tfdb.Buffer(), tfdb.Buffer(), tfdb.Buffer()
+    one.set_static_transform("map", "base", *pose(1))
+    fleet.apply(one.commits_bytes(0), source="r1", prefix="r1/", shared=["map"])
+    other.set_transform("map", "base", S, *pose(2))
+    other.set_transform("odom", "base", 2 * S, *pose(3))
+    fleet.apply(other.commits_bytes(0), source="r2", prefix="r2/", shared=["map"])
+    one.remove_frames("map", recursive=True)
+    fleet.apply(one.commits_bytes(1), source="r1", prefix="r1/", shared=["map"])
+    assert fleet.samples("r2/base")[2] == ["map", "r2/odom"]
+
+
+def test_a_state_keeps_the_earlier_parents_of_local_frames(
+    robot: tfdb.Buffer, fleet: tfdb.Buffer
+) -> None:
+    fleet.set_transform("r1/odom", "box", S, *pose(5))
+    fleet.set_transform(CAMERA, "box", 2 * S, *pose(6))
+    before = fleet.lookup_transform("r1/odom", "box", S)
+    fleet.set_static_transform("map", "r1/odom", *pose(7))
+    fleet.remove_frames("r1/odom")
+    robot.set_static_transform("base", "lidar", *pose(8))
+    with robot.snapshot() as snap:
+        fleet.apply(snap.state_bytes(), source="r1", prefix="r1/")
+    assert fleet.samples("box")[2] == ["r1/odom", CAMERA]
+    assert (fleet.lookup_transform("r1/odom", "box", S).matrix == before.matrix).all()
+    with pytest.raises(errors.ReadOnly):
+        fleet.remove_frames("r1/odom", recursive=True)
+
+
+def test_each_loss_of_a_local_parent_is_warned_of(robot: tfdb.Buffer, fleet: tfdb.Buffer) -> None:
+    def follow(change: Callable[[], object]) -> None:
+        before = robot.commit
+        change()
+        fleet.apply(robot.commits_bytes(before), source="r1", prefix="r1/")
+
+    with pytest.warns(errors.TfdbWarning, match="CycleError"):  # of the same frame
+        fleet.ingest(ros1(("r1/camera", "r1/odom", S), ("map", "own", 5 * S)), encoding="ros1")
+    for _ in range(2):
+        fleet.set_static_transform("map", "r1/odom", *pose(5))
+        with pytest.warns(errors.TfdbWarning, match="frame 'r1/odom' lost the parent"):
+            follow(lambda: robot.set_static_transform("earth", "odom", *pose(6)))
+        follow(lambda: robot.remove_frames("odom", recursive=True))
+        follow(lambda: robot.set_static_transform("odom", "camera", *pose(6)))

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "tfdb/store/collect.hpp"
 #include "tfdb/store/writes.hpp"
 #include "tfdb/txn/frame_places.hpp"
 #include "tfdb/wire/commit_sample.hpp"
@@ -153,14 +154,16 @@ public:
         made.publish([&] {
             store_.positions.set(record_, sample_.epoch, until, choice_);
             for (const FrameId id : left_)
-                set_maker(id, source_ | SourceWord::kLeft);
+                set_maker(id, is_written_by_other(id) ? SourceWord::writer(source_word(id))
+                                                      : source_ | SourceWord::kLeft);
             for (const FrameId id : found_)
                 set_maker(id, source_);
         });
         commit_ = nullptr;
     }
-    /// Frames that lost the parents that other writers had stored.
-    [[nodiscard]] std::vector<std::string> take_replaced() { return std::move(replaced_); }
+    [[nodiscard]] Applied applied(Position position) {
+        return {std::move(position), std::move(replaced_), std::move(disputed_)};
+    }
 
 private:
     /// Whether a name of the sample gets no prefix.
@@ -238,6 +241,11 @@ private:
     [[nodiscard]] bool is_written_here(FrameId id) const {
         return SourceWord::writer(source_word(id)) == source_;
     }
+    /// Whether another source stored its samples: it is shared.
+    [[nodiscard]] bool is_written_by_other(FrameId id) const {
+        const std::uint64_t writer = SourceWord::writer(source_word(id));
+        return writer != 0 && writer != source_;
+    }
     /// The other source whose prefix the frame has, if it stored the frame's samples.
     [[nodiscard]] std::optional<std::string> other_owner(FrameId id) const {
         auto owner = store_.writer_of(id);
@@ -276,11 +284,12 @@ private:
                 remove(id);
         }
     }
-    /// A frame created by others, or with children of others, stays without its samples. From then
-    /// on local writers may remove it.
+    /// A frame created by others, with samples of another source, or with children of others, stays
+    /// without its samples of this source. It then belongs to the other source; without one, local
+    /// writers may remove it. Of a shared frame, earlier children count too.
     void remove(FrameId id) {
         const bool is_ours = SourceWord::maker(source_word(id)) == source_;
-        if (!is_ours || has_foreign_child(id)) {
+        if (!is_ours || is_written_by_other(id) || has_foreign_child(id) || is_shared_parent(id)) {
             if (is_written_here(id))
                 clear_edge(id);
             if (is_ours && is_left_.insert(id))
@@ -301,6 +310,11 @@ private:
         }
         return false;
     }
+    /// Whether the frame is shared, and a sample of another writer names it as parent.
+    [[nodiscard]] bool is_shared_parent(FrameId id) const {
+        return !options_.shared.empty() && is_shared(store_.names.name(id)) &&
+               parents_of_others().contains(id);
+    }
     [[nodiscard]] FrameId newest_parent(FrameId id) const {
         return txn::newest_parent(store_.frames, id, store_.committed(), store_.history);
     }
@@ -314,9 +328,28 @@ private:
         removed_.insert(gone_[name]);
     }
 
+    /// The frames that samples of other writers name as parents, at any stamp.
+    [[nodiscard]] txn::FrameSet parents_of_others() const {
+        txn::FrameSet parents;
+        const StoreView view = store_.view(store_.committed());
+        for (FrameId id = 0; id < store_.frames.count(); ++id) {
+            Track track;
+            if (!view.alive(id) || is_written_here(id) ||
+                collect_all(view, id, track) != lookup::Outcome::kOk)
+                continue;
+            for (std::size_t i = 0; i < track.parents.size(); ++i) {
+                if (view.alive_since(track.parents[i], track.commits[i]))
+                    (void)parents.insert(track.parents[i]);
+            }
+        }
+        return parents;
+    }
+
     /// Prepares for a state: removes the source's frames that the state lacks, and all its samples.
-    /// A frame that lost its samples here and never had any in the state is a different frame.
+    /// A frame that lost its samples here and never had any in the state is a different frame. But
+    /// a local writer may have removed its local parent: so it stays if samples of others name it.
     void take_away() {
+        std::optional<txn::FrameSet> parents;
         txn::FrameSet stays;
         for (std::uint32_t name = 0; name < names_.size(); ++name) {
             const FrameId id = find(name);
@@ -325,10 +358,16 @@ private:
             const bool is_bare = name < sample_.edges.size() &&
                                  sample_.edges[name].rows.count == 0 &&
                                  !sample_.edges[name].cleared;
-            const bool was_ours = edge(id).has_samples()
-                                      ? is_written_here(id)
-                                      : (edge(id).topology() & history::Topology::kCleared) != 0;
-            if (!is_bare || !was_ours)
+            const bool has_samples = edge(id).has_samples();
+            bool goes =
+                is_bare && (has_samples ? is_written_here(id)
+                                        : (edge(id).topology() & history::Topology::kCleared) != 0);
+            if (goes && !has_samples) {
+                if (!parents)
+                    parents = parents_of_others();
+                goes = !parents->contains(id);
+            }
+            if (!goes)
                 stays.insert(id);
         }
         const StoreView view = store_.view(store_.committed());
@@ -488,7 +527,8 @@ private:
         return SourceWord::maker(source_word(id)) == source_ ? 0 : 1;
     }
     void replace(FrameId child) {
-        replaced_.push_back(store_.names.name(child));
+        auto& lost = is_written_by_other(child) ? disputed_ : replaced_;
+        lost.push_back(store_.names.name(child));
         clear_edge(child);
     }
     [[noreturn]] void throw_owned(FrameId child, const std::string& owner) const {
@@ -501,8 +541,9 @@ private:
     Store& store_;
     const CommitSample& sample_;
     const ApplyOptions& options_;
-    std::vector<std::string> names_;  // in this store
-    std::vector<std::string> replaced_;
+    std::vector<std::string> names_;     // in this store
+    std::vector<std::string> replaced_;  // see Applied
+    std::vector<std::string> disputed_;
     std::vector<std::uint64_t> authors_;  // indexed by the sample's authorities
     std::uint64_t choice_;
     Positions::Record record_ = 0;
@@ -642,7 +683,7 @@ Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& optio
         order.check();
         const bool goes_on = order.goes_on();
         if (goes_on && sample.last <= position->commit)
-            return {*position, applying.take_replaced()};
+            return applying.applied(*position);
         const auto& commits = sample.commits;
         while (next < commits.size() && goes_on && commits[next].number <= position->commit)
             ++next;
@@ -652,9 +693,8 @@ Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& optio
         applying.commit(next < commits.size() ? commits[next] : nothing,
                         done ? sample.last : commits[next + 1].number - 1);
     }
-    return {{std::string(options.source), sample.epoch, sample.last, applying.choice(),
-             std::string(options.prefix)},
-            applying.take_replaced()};
+    return applying.applied({std::string(options.source), sample.epoch, sample.last,
+                             applying.choice(), std::string(options.prefix)});
 }
 
 bool Buffer::forget_source(std::string_view source) {

@@ -239,8 +239,10 @@ struct HandedOver {
 
 struct Applied {
     Position position;
-    /// Frames whose local parent was replaced by the source's.
+    /// Frames that lost the parents that local writers had stored.
     std::vector<std::string> replaced;
+    /// Shared frames that lost the samples of another source.
+    std::vector<std::string> disputed;
 };
 
 /// Exceptions to the rules of a write.
