@@ -1,4 +1,4 @@
-"""Judgement of recordings and live stores: findings, rates, expectations and events."""
+"""Checks of recordings and live stores: findings, rates, expectations and events."""
 
 from __future__ import annotations
 

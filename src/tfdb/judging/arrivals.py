@@ -1,4 +1,4 @@
-"""Transforms of a recording in the order of arrival, for the doctor."""
+"""Transforms of a recording in the order of arrival, as input of `doctor`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Arrivals:
     """The transforms, and whether the containers name their publishers (ROS 1 bags do).
 
     `mixed` are the frames that some messages write with a leading slash and others without.
-    `missed` is how many commits of a live store went by unseen. `watched` is when its watch began
-    and ended.
+    `missed` is the number of commits of a live store that were not read. `watched` has the begin
+    and the end of its watch.
     """
 
     log: Log
@@ -28,5 +28,5 @@ class Arrivals:
 
     @classmethod
     def of(cls, recorded: RecordedArrivals) -> Self:
-        """Return those of recordings. What a store refuses is left out."""
+        """Return the arrivals of recordings, without the transforms that a store refuses."""
         return cls(Log.of(recorded), recorded.publishers_known, recorded.mixed)

@@ -1,4 +1,4 @@
-"""The class BufferExpectations: what a buffer is judged by; the arguments of `Buffer.expect`."""
+"""The class BufferExpectations: the expectations of a buffer; the arguments of `Buffer.expect`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["BufferExpectations"]
 
 
 class BufferExpectations:
-    """What a buffer is judged by, in the order of installation: `Buffer.expectations`."""
+    """The expectations of a buffer, in the order of installation: `Buffer.expectations`."""
 
     def __init__(self, buffer: Buffer) -> None:
         self._buffer = buffer
@@ -51,14 +51,14 @@ class BufferExpectations:
 
     @property
     def missed(self) -> int:
-        """How many commits went by unseen, because they came faster than they were read."""
+        """Number of commits that were not checked, because they came faster than they were read."""
         return self._watcher.missed
 
     @property
     def on_event(self) -> Callable[[Event], object] | None:
-        """Function that is called with each event, in the thread that judges.
+        """Function that is called with each event, in the thread that checks the expectations.
 
-        What it raises is logged by the logger `tfdb.expectations`, and stops nothing.
+        The logger `tfdb.expectations` logs its exceptions, which have no other effect.
         """
         return self._watcher.on_event
 
@@ -69,7 +69,8 @@ class BufferExpectations:
         self._watcher.on_event = function
 
     def drain(self, timeout: float | None = None) -> bool:
-        """Wait until all commits so far, and the time until now, are judged and their events given.
+        """Wait until all commits and the time until now are checked, and their events are
+        delivered.
 
         Parameters
         ----------
@@ -79,12 +80,12 @@ class BufferExpectations:
         Returns
         -------
         bool
-            False: the time is over.
+            False: the timeout has passed.
 
         Raises
         ------
         InvalidArgument
-            The timeout is negative, or this is `on_event`, which would wait for itself.
+            The timeout is negative, or `on_event` calls this and would wait for itself.
         BufferClosed, NoSuchStore
         """
         if timeout is not None:
@@ -104,7 +105,7 @@ class BufferExpectations:
 
 
 def expectations_of(given: str | Expectations, child: str | None, limits: Any) -> Expectations:
-    """Return what the arguments of `Buffer.expect` expect."""
+    """Return the expectations in the arguments of `Buffer.expect`."""
     if isinstance(given, Expectations):
         if child is not None or limits:
             named = "child" if child is not None else next(iter(limits))

@@ -51,9 +51,9 @@ KINDS = {
     "static-revised": ("warning", "a static edge whose pose changes"),
 }
 QUATERNION_TOLERANCE = 1e-4
-"""How far the squared length of a quaternion may be off 1 before it is reported."""
+"""Largest unreported difference of a quaternion's squared length from 1."""
 AHEAD = NS // 10
-"""How far stamps may lie ahead of their arrival: clocks of two machines differ by less."""
+"""Largest allowed lead of stamps over their arrival: clocks of two machines differ by less."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ class Finding:
 
 @dataclass(frozen=True)
 class Hole:
-    """One gap of an edge, the edge's usual period, and who published right before and after it.
+    """One gap of an edge, the edge's usual period, and the publishers before and after the gap.
 
-    Times are nanoseconds; the names are empty where the container does not say who published.
+    Times are nanoseconds; the names are empty if the container does not name publishers.
     """
 
     frame: str
@@ -162,7 +162,7 @@ class Log:
 
     @classmethod
     def of_rows(cls, rows: Rows, judge: Judge) -> Log:
-        """Return the log of rows, which a judge has numbered."""
+        """Return the log of rows with the numbers of a judge."""
         log = cls()
         of_authorities = np.array([log._id(each) for each in judge.authority_names], dtype=np.int64)
         of_edges = np.array([log._id(parent) for parent, _ in judge.edge_names], dtype=np.int64)
@@ -264,7 +264,7 @@ def leading_slashes(frames: Sequence[str]) -> list[Finding]:
 
 
 def disconnected(roots: Sequence[tuple[str, int]]) -> list[Finding]:
-    """Report more than one root; each comes with the number of frames of its tree."""
+    """Report the roots if there are several, each with the number of frames of its tree."""
     if len(roots) < 2:
         return []
     listed = ", ".join(f"{name} ({count} frame{'s'[: count != 1]})" for name, count in roots)
@@ -279,7 +279,7 @@ def sort_key(finding: Finding) -> tuple[int, tuple[str, ...], int]:
 
 
 def _by_clock(edges: Sequence[Edge]) -> list[list[Edge]]:
-    """Divide the moving edges by clock, the earliest first; each group is examined alone."""
+    """Group the moving edges by clock, the earliest first; each group is examined separately."""
     if not edges:
         return []
     stamps = np.sort(np.concatenate([edge.stamps for edge in edges]))

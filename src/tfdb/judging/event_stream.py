@@ -30,8 +30,8 @@ _LOOK = 1.0  # seconds between two looks whether the buffer was closed
 class EventStream(Reader["Event"]):
     """The events of a buffer's expectations, in their order, each once.
 
-    `Buffer.events()` makes it. Iterate over it, by `for` or `async for`, or call `read_next`. It is
-    a context manager; `close()` ends its reads, from any thread.
+    `Buffer.events()` creates it. Iterate over it by `for` or `async for`, or call `read_next`. It
+    is a context manager; any thread may call `close()`, which ends all reads.
     """
 
     def __init__(self, buffer: Buffer, max_pending: int) -> None:
@@ -46,7 +46,7 @@ class EventStream(Reader["Event"]):
 
     @property
     def missed(self) -> int:
-        """How many events were dropped, the oldest first: more than `max_pending` were unread."""
+        """Number of events that were dropped, because more than `max_pending` were unread."""
         return self._missed
 
     @property
@@ -72,7 +72,7 @@ class EventStream(Reader["Event"]):
         Returns
         -------
         Event or None
-            None: there is none yet.
+            None: it does not exist yet.
 
         Raises
         ------

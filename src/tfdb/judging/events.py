@@ -1,4 +1,4 @@
-"""Kinds of events, and the record of one: an expectation that begins or ends to be broken."""
+"""Kinds of events, and the class Event: an expectation is broken, or met again."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from tfdb.data.lazy_names import belong_to
 from tfdb.data.time_text import format_duration, format_when
 
 ANOTHER_CLOCK = 3600 * NS_PER_SECOND
-"""A stamp that is so far from its arrival is of another clock."""
+"""A stamp that is further than this from its arrival comes from another clock."""
 TIMELY = 10 * NS_PER_SECOND
-"""If the nearest stamp of all is further from its arrival, all are of another clock."""
+"""If even the nearest stamp is further than this from its arrival, all stamps come from another
+clock.
+"""
 
 Severity: TypeAlias = Literal["ok", "warning", "error", "stale"]
 
@@ -41,23 +43,26 @@ _UNITS = {"step": "m", "speed": "m/s", "turn": "rad"}
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An expectation is broken from now on, or met again. Times are nanoseconds.
+    """An event: an expectation is broken from now on, or met again. Times are nanoseconds.
 
-    One that stays broken is one event. Samples that break a limit count as one for a second.
+    An expectation that stays broken is one event. Samples that break a limit within a second are
+    one event.
     """
 
     kind: str
     """One of `deadline`, `lifespan`, ...: docs/howto/expectations.md lists all."""
     severity: Severity
-    """As in diagnostic_msgs; `ok` where the expectation is met again."""
+    """As in diagnostic_msgs; `ok` if the expectation is met again."""
     begins: bool
-    """Whether it is broken from now on. False: it is met again."""
+    """True: the expectation is broken from now on. False: it is met again."""
     time: int
-    """When it began or ended, by the clock of the arrivals."""
+    """Time of the begin or end, by the clock of the arrivals."""
     since: int
-    """When it began."""
+    """Time of the begin."""
     parent: str = ""
-    """Parent of the edge; of `two-clocks` and `time-jump` the first edge, of `liveliness` empty."""
+    """Parent of the edge; for `two-clocks` and `time-jump` of the first edge; for `liveliness`
+    empty.
+    """
     child: str = ""
     """Child of that edge."""
     authority: str = ""
@@ -67,9 +72,9 @@ class Event:
     limit: float | None = None
     """The limit, in the same unit."""
     count: int = 1
-    """How often it has been broken so far: missed deadlines, or samples over the limit."""
+    """Number of missed deadlines or of samples over the limit so far."""
     commit: int | None = None
-    """The commit of the sample that began or ended it, in a store."""
+    """In a store, the commit of the sample that began or ended the event."""
 
     @property
     def subject(self) -> str:

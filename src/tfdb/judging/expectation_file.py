@@ -1,4 +1,4 @@
-"""The TOML file of expectations: reading with the line of each fault, and its text."""
+"""The TOML file of expectations: reading it, with the lines of errors, and writing it."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ UNITS: dict[str, dict[str, float]] = {
     "max_turn": {"rad": 1.0, "deg": math.pi / 180},
     "max_late": TIME,
 }
-"""The limits, and the units of each."""
+"""The limits, each with its units."""
 _PLACE = re.compile(r"\(at line (\d+), column \d+\)")
 _REQUIRED = {"edge": ("parent", "child"), "authority": ("name", "liveliness"), "default": ()}
 
 
 class ExpectationFile:
-    """A file; every fault is an ExpectationError with its line.
+    """Reader of a file; each error is an ExpectationError with its line.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class ExpectationFile:
             raise ExpectationError(path, "is not UTF-8 text; give a TOML file") from error
 
     def read(self, whole: Callable[..., _Made]) -> _Made:
-        """Return what the file expects."""
+        """Return the expectations in the file."""
         try:
             body = tomllib.loads(self._text)
         except tomllib.TOMLDecodeError as error:
@@ -122,7 +122,8 @@ class ExpectationFile:
     def _line(self, table: str, index: int, key: str) -> int:
         """Find the line of a key of the table that is the index-th of its name; 0: not found.
 
-        A section without that key, as where it is written inline, has the line of its head.
+        If the section has no such key, for example because it is inline, return the line of its
+        header.
         """
         within, seen, head = table == "", -1, 0
         for number, line in enumerate(self._text.splitlines(), 1):

@@ -1,4 +1,4 @@
-"""What is expected of edges and authorities: limits, and the text of their file."""
+"""Expectations of edges and authorities: their limits, and the text of their file."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _NO_END = 2**63 - 1  # a lifespan, nanoseconds
 
 @dataclass(frozen=True)
 class Expectation:
-    """What is expected of the edges that two names match; each name may contain `*`.
+    """An expectation of all edges that match two names; each name may contain `*`.
 
-    Durations are seconds. A limit of None is not judged.
+    Durations are in seconds. A limit of None is not checked.
     """
 
     parent: str = "*"
@@ -47,7 +47,7 @@ class Expectation:
     liveliness: float | None = None
     """Longest time between two commits of each of these authorities, on any edge."""
     authority: Sequence[str] = ()
-    """The authorities that may write the edge, the strongest first; empty: any."""
+    """The authorities that may write the edge, the preferred one first; empty: any."""
     max_step: float | None = None
     """Longest distance between two samples, metres."""
     max_speed: float | None = None
@@ -55,9 +55,9 @@ class Expectation:
     max_turn: float | None = None
     """Largest rotation between two samples, radians."""
     max_late: float | None = None
-    """How far a sample may lie behind the newest stamp."""
+    """Largest distance of a sample behind the newest stamp, seconds."""
     severity: Mapping[str, Severity] = field(default_factory=dict)
-    """The severity of each kind of event that shall not have the usual one."""
+    """Severities by kind of event, where they differ from the default."""
 
     def __post_init__(self) -> None:
         for name in ("parent", "child"):
@@ -84,7 +84,7 @@ class Expectation:
         return "*" not in self.parent + self.child
 
     def over(self, other: Expectation) -> Expectation:
-        """Return this one, with what it lacks from another."""
+        """Return this expectation, with its missing limits taken from another."""
         lacking: dict[str, Any] = {
             name: getattr(other, name)
             for name in (*UNITS, "authority")
@@ -105,7 +105,7 @@ class Limits(TypedDict, total=False):
     liveliness: float | str
     """Longest time between two commits of each of these authorities, on any edge."""
     authority: str | Sequence[str]
-    """The authorities that may write the edge, the strongest first."""
+    """The authorities that may write the edge, the preferred one first."""
     max_step: float | str
     """Longest distance between two samples."""
     max_speed: float | str
@@ -113,21 +113,21 @@ class Limits(TypedDict, total=False):
     max_turn: float | str
     """Largest rotation between two samples."""
     max_late: float | str
-    """How far a sample may lie behind the newest stamp."""
+    """Largest distance of a sample behind the newest stamp, seconds."""
     severity: Mapping[str, Severity]
-    """The severity of each kind of event that shall not have the usual one."""
+    """Severities by kind of event, where they differ from the default."""
 
 
 @dataclass(frozen=True)
 class AuthorityExpectation:
-    """What is expected of the authorities that a name matches; it may contain `*`."""
+    """An expectation of all authorities that match a name, which may contain `*`."""
 
     name: str
     """Name of the authority."""
     liveliness: float
     """Longest time between two of its commits, on any edge, seconds."""
     severity: Mapping[str, Severity] = field(default_factory=dict)
-    """The severity of `liveliness`, if it shall not be the usual one."""
+    """The severity of `liveliness`, if it differs from the default."""
 
     def __post_init__(self) -> None:
         _check_name("name", self.name)
@@ -138,10 +138,10 @@ class AuthorityExpectation:
 
 @dataclass(frozen=True)
 class Expectations:
-    """All that is expected of a store or recording.
+    """All expectations of a store or recording.
 
-    Each limit of an edge is that of the first that has one: the expectation that names both frames,
-    those with `*` in their order, the default.
+    Each limit of an edge comes from the first expectation that sets it: first the one that names
+    both frames, then those with `*` in their order, then the default.
 
     >>> import tfdb
     >>> from tfdb.judging import Expectation
@@ -163,10 +163,9 @@ class Expectations:
     authorities: Sequence[AuthorityExpectation] = ()
     """Expectations of authorities."""
     default: Expectation = field(default_factory=Expectation)
-    """Limits of every edge that has none of its own."""
+    """Limits for edges without limits of their own."""
     clock: Literal["stamps", "arrival"] = "stamps"
-    """What `lifespan` counts from: the newest stamp, or its arrival where the stamps are of another
-    clock."""
+    """The start of an age: the newest stamp, or its arrival if stamps come from another clock."""
 
     def __post_init__(self) -> None:
         check_word("clock", self.clock, ("stamps", "arrival"))
@@ -193,7 +192,7 @@ class Expectations:
         return ExpectationFile(check_path(path), kinds).read(cls)
 
     def write(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write a TOML file; `overwrite`: replace one of that name."""
+        """Write a TOML file; with `overwrite`, replace an existing one."""
         with new_file(path, overwrite=overwrite, refusal=ExpectationError) as made:
             made.write_text(str(self), encoding="utf-8")
 
@@ -203,7 +202,7 @@ class Expectations:
 
 
 def joined(parts: Sequence[Expectations]) -> Expectations:
-    """Return all of these as one. Refuses what two of them say of one subject."""
+    """Merge these into one. Refuse two expectations of one subject."""
     clocks = {each.clock for each in parts}
     defaults = [each.default for each in parts if each.default != Expectation()]
     if len(clocks) > 1:
@@ -220,7 +219,7 @@ def joined(parts: Sequence[Expectations]) -> Expectations:
 
 
 def edge_limits(expectations: Expectations) -> Callable[[str, str], Expectation]:
-    """Return what gives the expectation of an edge, by its parent and child."""
+    """Return a function from parent and child to the expectation of the edge."""
     exact = {(each.parent, each.child): each for each in expectations.edges if each.is_exact}
     patterns = [each for each in expectations.edges if not each.is_exact]
 
@@ -237,10 +236,10 @@ def edge_limits(expectations: Expectations) -> Callable[[str, str], Expectation]
 def lifespans(
     parts: Sequence[tuple[Expectations, bool]],
 ) -> list[tuple[str, str, int, str]]:
-    """Return parent, child, lifespan in nanoseconds and name of each that has one, first first.
+    """Return parent, child, nanoseconds and name of each lifespan, in order of precedence.
 
-    Each part comes with whether it is enforced. A lifespan that is not has no end, since the first
-    that matches counts.
+    Each input has a flag whether it is enforced. A lifespan that is not enforced is infinite in the
+    result, because the first match counts.
     """
     edges = [(edge, enforced) for each, enforced in parts for edge in each.edges]
     edges.sort(key=lambda edge: not edge[0].is_exact)
@@ -258,7 +257,7 @@ def lifespans(
 
 
 def limits_of_authority(expectations: Expectations, name: str) -> AuthorityExpectation | None:
-    """Return what is expected of one authority; None: nothing."""
+    """Return the expectation of one authority, or None."""
     named = [each for each in expectations.authorities if matches(each.name, name)]
     named.sort(key=lambda each: "*" in each.name)
     found = [(each.liveliness, each.severity) for each in named]
@@ -269,7 +268,7 @@ def limits_of_authority(expectations: Expectations, name: str) -> AuthorityExpec
 
 
 def expected_authorities(expectations: Expectations) -> Iterable[str]:
-    """Return the authorities that are named without `*`, and expected to be alive."""
+    """Return the authorities that are named without `*` and have a liveliness."""
     listed = [each.name for each in expectations.authorities]
     for each in expectations.edges:
         listed += each.authority if each.liveliness else ()
@@ -277,7 +276,7 @@ def expected_authorities(expectations: Expectations) -> Iterable[str]:
 
 
 def matches(pattern: str, name: str) -> bool:
-    """Whether a name is that of a pattern, in which `*` stands for any text."""
+    """Whether a name matches a pattern, in which `*` stands for any text."""
     if "*" not in pattern:
         return pattern == name
     parts = ".*".join(map(re.escape, pattern.split("*")))
@@ -300,7 +299,7 @@ def _has_utf8(name: str) -> bool:
 
 
 def _quantity(name: str, value: object, units: Mapping[str, float]) -> float:
-    """Return a limit as a number of its first unit."""
+    """Return a limit as a number in its first unit."""
     if isinstance(value, str):
         match = _QUANTITY.fullmatch(value.strip())
         known = ", ".join(units)
@@ -336,7 +335,7 @@ def _check_severity(given: Mapping[str, Severity]) -> None:
 def _check_contradictions(
     edges: Sequence[Expectation], authorities: Sequence[AuthorityExpectation]
 ) -> None:
-    """Refuse what two say of one. The error's `index` is that of the second."""
+    """Refuse two expectations of one subject. The error's `index` is that of the second."""
     parents: dict[str, str] = {}
     pairs: set[tuple[str, str]] = set()
     for index, each in enumerate(edges):

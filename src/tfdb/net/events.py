@@ -1,4 +1,4 @@
-"""Events of homes and mirrors, for programs."""
+"""Events of homes and mirrors."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class Event(NamedTuple):
     """An event of a home or a mirror.
 
     `kind` is a new state of a mirror (`absent`, `catching up`, `live`, `stale`), or one of:
-    `rewound` (a mirror went from `before` to `after`, a state that need not contain `before`),
-    `refused` (a received message cannot be stored), `fenced` (the home stopped because of a later
-    one), `unseen` (others do not see the home), `lapped` (commits came faster than the home could
-    send them, so it sends a state), `ended` (by an error).
+    `rewound` (a mirror went back from `before` to `after`), `refused` (a received message cannot be
+    stored), `fenced` (the home stopped because of a later one), `unseen` (access control hides the
+    home), `lapped` (commits came faster than the home could send them, so it sends a state),
+    `ended` (by an error).
     """
 
     time: int
@@ -53,9 +53,11 @@ class Event(NamedTuple):
     text: str
     """A description in one sentence."""
     before: tuple[tfdb.data.types.Epoch, int] | None = None
-    """Rewound: the mirror's old position. Fenced: the last commit of both homes, if known."""
+    """Of `rewound`: the mirror's old position. Of `fenced`: the last common commit of both homes,
+    if known.
+    """
     after: tuple[tfdb.data.types.Epoch, int] | None = None
-    """Rewound: the mirror's new position. Fenced: the last commit of the home that stopped."""
+    """Of `rewound`: the mirror's new position. Of `fenced`: the last commit of the stopped home."""
 
     def __str__(self) -> str:
         return f"{self.name}: {self.kind}: {self.text}"
@@ -87,13 +89,13 @@ class EventLog:
             self.changed.notify_all()
 
     def close(self) -> None:
-        """End the reads once all events were read."""
+        """End the reads after all events were read."""
         with self.changed:
             self.closed = True
             self.changed.notify_all()
 
     def after(self, number: int) -> tuple[int, Event | None]:
-        """Return the first kept event behind the first `number`, and how many it makes."""
+        """Return the next stored event after the first `number` events, and its own number."""
         begin = max(number, self._count - len(self._events))
         if begin == self._count:
             return begin, None
@@ -103,8 +105,8 @@ class EventLog:
 class NetEvents(Reader[Event]):
     """The events of a home or a mirror, each once, from the oldest of the last 1,000.
 
-    `events()` of either makes it. Iterate over it, by `for` or `async for`, or call `read_next`. It
-    ends when it, or the home or mirror, is closed.
+    `home.events()` and `mirror.events()` create it. Iterate over it by `for` or `async for`, or
+    call `read_next`. It ends when it is closed, or when its home or mirror is closed.
     """
 
     def __init__(self, log: EventLog) -> None:
@@ -121,12 +123,12 @@ class NetEvents(Reader[Event]):
         Returns
         -------
         Event or None
-            None: it is not there yet.
+            None: it does not exist yet.
 
         Raises
         ------
         StreamClosed
-            It is closed, or its home or mirror is and all events were read.
+            The stream is closed; or its home or mirror is closed, and all events were read.
         """
         until = deadline(timeout)
         with self._log.changed:

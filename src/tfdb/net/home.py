@@ -48,13 +48,13 @@ if TYPE_CHECKING:
 _HEADS = 0.5
 """Seconds between two heads."""
 _UNSEEN = 2.0
-"""Seconds in which the own token of a home must come back to it."""
+"""Seconds within which a home must receive its own token."""
 _LOOK = 0.01
-"""Seconds between two looks where this process may not wait for commits."""
+"""Seconds between two checks, if this process may not wait for commits."""
 _ALL = 1 << 30
 _TAKEN = "exists already; give keep_lost (--keep-lost) the name of a new file"
 _LAST_WORD = 2.0
-"""Seconds in which a home that stops waits to hear where the later one began."""
+"""Seconds that a stopping home waits for the head of the later home."""
 
 
 class HomeStats(NamedTuple):
@@ -75,7 +75,7 @@ class HomeStats(NamedTuple):
 
 
 class Home(Closable):
-    """A namespace's home: the store whose commits the mirrors apply. `publish` makes it.
+    """The home of a namespace: it sends the commits of its store to mirrors. `publish` creates it.
 
     Use it in a `with` block, or call `close`.
     """
@@ -134,7 +134,7 @@ class Home(Closable):
 
     @property
     def commit(self) -> int:
-        """The last commit that was sent or existed before."""
+        """The last sent commit; at first the last commit before the start."""
         return self._sender.commit
 
     @property
@@ -238,9 +238,10 @@ class Home(Closable):
             self._watch.next(self._sender.commit, left, limit=1)
 
     def _step_down(self, later: Epoch) -> None:
-        """Find the commits that the later home lacks, and refuse local writes.
+        """Find the commits that the later home lacks, and make the store read-only.
 
-        A message of that home is the proof: only a publisher can make a store read-only.
+        This needs a message of the later home, because only a process that may publish can send
+        one.
         """
         self._leave()  # before others see the state, because a home may start at once
         self._state = "fenced"
@@ -264,9 +265,9 @@ class Home(Closable):
         self._log.add("fenced", text, before, (self.epoch, commit))
 
     def _wait_for_later_head(self, later: Epoch) -> list[Head]:
-        """Wait for a head of the later home: of the latest one, if there are several by now.
+        """Wait for a head of the later home, or of the latest one if there are several.
 
-        Returns all that came, sorted by epoch; none: 2 s were over.
+        Returns all received heads, sorted by epoch; none after 2 s.
         """
         heard: list[Head] = []
         came = threading.Event()
@@ -378,7 +379,7 @@ def publish(
     take_over: bool = False,
     keep_lost: str | os.PathLike[str] | None = None,
 ) -> Home:
-    """Publish the commits of a store: mirrors in other processes and machines apply them.
+    """Publish the commits of a store, so that mirrors on other machines can apply them.
 
     ```python
     with tfdb.net.publish(buf, "robot1"):
@@ -388,20 +389,20 @@ def publish(
     Parameters
     ----------
     buffer
-        The store, also one that other processes share, or a frozen one.
+        The store: private, shared or frozen.
     name
-        The namespace: letters, digits, `_`, `-`, `.` and `/`. It has one home at a time.
+        The namespace: letters, digits, `_`, `-`, `.` and `/`. It can have only one home at a time.
     session
         The connection. None: one to the router at tcp/127.0.0.1:7447, closed with the home.
     max_delay
-        Seconds that a commit may wait for later ones, to be sent in one message. 0: no wait. A
-        commit after a pause never waits.
+        Longest time in seconds that a commit waits, to be sent in one message with later ones. 0:
+        no wait. A commit after a pause does not wait.
     take_over
-        Publish also if the namespace has a home, which then stops.
+        Publish even if the namespace has a home, which then stops.
     keep_lost
-        A new file. If a mirror of this home is promoted, and this home then stops, it gets the
-        commits that the later home lacks, as bytes for `apply`. It gets the state of the store
-        where the feed or the history no longer has all of them. None: no file.
+        Name of a new file, or None. If a mirror of this home is promoted and this home then stops,
+        the commits that the later home lacks are written to the file, as bytes for `apply`. If the
+        feed or the history no longer has all of them, the state of the store is written.
 
     Returns
     -------
@@ -415,11 +416,10 @@ def publish(
     InvalidName
         The name is not valid for a namespace.
     InvalidArgument, TypeError
-        A value that a parameter does not take, such as a file of `keep_lost` that exists; this
-        process publishes the store under that name already; no epoch is later than one that is
-        announced.
+        An invalid argument, such as an existing file for `keep_lost`; this process already
+        publishes the store under that name; or no epoch is later than an announced one.
     NotSupported
-        PyPI's eclipse-zenoh is not installed, or the buffer's engine keeps no feed.
+        The package eclipse-zenoh is not installed, or the buffer's engine has no feed.
     ConnectionError
         No router answers.
     OSError
@@ -450,7 +450,7 @@ def publish(
 
 
 def check_lost_file(keep_lost: str | os.PathLike[str] | None) -> Path | None:
-    """Return the path of a file that can be made. Raises InvalidArgument or OSError."""
+    """Return the path if the file can be created. Raises InvalidArgument or OSError."""
     if keep_lost is None:
         return None
     lost = check_path(keep_lost).absolute()
@@ -472,9 +472,9 @@ def _seen(link: Link, name: str, *, take_over: bool) -> list[Epoch]:
 
 @contextmanager
 def link_of(session: Session | None) -> Iterator[tuple[Link, Link | None]]:
-    """Give the link of a session, or a new one, and what its user must close of it.
+    """Return the link of a session, or of a new one, which the caller must close.
 
-    An error in the block closes a new one.
+    An error in the block closes a new session.
     """
     from .session import Session  # noqa: PLC0415 - Zenoh is an extra
 

@@ -62,7 +62,7 @@ def log_key(name: str) -> str:
 
 
 def ask_key(name: str, *, state: bool) -> str:
-    """Return the key on which a home is asked."""
+    """Return the key for requests to a home."""
     return f"{_ROOT}/{name}/{'state' if state else 'feed'}"
 
 
@@ -72,7 +72,7 @@ def tokens_key(name: str, role: Role) -> str:
 
 
 def status_key(name: str, role: Role) -> str:
-    """Return the key on which homes or mirrors are asked for their status."""
+    """Return the key for requests of the status of homes or mirrors."""
     return f"{_ROOT}/{name}/@{role}/status"
 
 
@@ -89,7 +89,7 @@ class Declared(Protocol):
     """A declaration that lasts until it is undeclared."""
 
     def undeclare(self) -> None:
-        """End it: no call begins afterwards."""
+        """End the declaration: no callback begins afterwards."""
 
 
 class Link(Protocol):
@@ -110,7 +110,7 @@ class Link(Protocol):
         question: Question,
         done: Callable[[list[bytes]], None],
     ) -> None:
-        """Send a request to all homes; `done` is called once, with all answers."""
+        """Send a request to all homes; call `done` once, with all answers."""
 
     def announce(self, name: str, token: Token) -> Declared:
         """Publish a token until it is undeclared, or this process ends."""
@@ -119,7 +119,7 @@ class Link(Protocol):
         """Call `take` with each home's token, existing ones first, and whether it is alive."""
 
     def tokens(self, name: str) -> list[tuple[str, Token]]:
-        """Return the tokens that are there, of homes and mirrors, with their namespaces.
+        """Return all present tokens of homes and mirrors, with their namespaces.
 
         `name` may be `ALL`.
         """
@@ -128,7 +128,7 @@ class Link(Protocol):
         """Answer requests for the status; `status` must not wait."""
 
     def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
-        """Return what homes and mirrors answer within `timeout` seconds, with their namespaces.
+        """Return the answers of homes and mirrors within `timeout` seconds, with their namespaces.
 
         `name` may be `ALL`.
         """

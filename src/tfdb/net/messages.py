@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 Role: TypeAlias = "Literal['home', 'mirror']"
 COMMITS, STATE, HEAD, PART, STATUS = 1, 2, 3, 4, 5
 LIMIT = 1 << 20
-"""A message of commits, or a part of a state, has about so many bytes at most."""
+"""Approximate maximum of the bytes in a message of commits or a part of a state."""
 MOST_PARTS = 4096
 MOST_NUMBER = 1 << 63
-"""Numbers of epochs are below: each has a greater one."""
+"""Numbers of epochs are less than this, so each number has a successor."""
 _MOST_COMMIT = 1 << 44
 _MOST_COUNT = 1 << 63
 _FRONT = struct.Struct("<4sBBHQ16s")
@@ -28,10 +28,10 @@ _PART = struct.Struct("<QII")
 _STATUS = struct.Struct("<BB8sQQQ")
 _SUM = struct.Struct("<I")
 FRONT = _FRONT.size
-"""Each message begins with so many bytes, which are the same for all commits of an epoch."""
+"""Number of bytes at the start of each message, equal for all commits of an epoch."""
 _LEAST = FRONT + 8
 NONE = Epoch(0, bytes(16))
-"""The epoch before a home that goes on from none."""
+"""The previous epoch of a home that continues no other home."""
 
 
 class Commits(NamedTuple):
@@ -61,7 +61,7 @@ class Head(NamedTuple):
     """The epoch that it continues from commit `fork`, or `NONE`."""
     fork: int
     begin: int = 0
-    """Its own commit with exactly that state. 0: it had more data, or continues none."""
+    """Its own commit with exactly that state. 0: it had more data, or continues no home."""
 
 
 class Part(NamedTuple):
@@ -83,17 +83,17 @@ class Told(NamedTuple):
     """The status of a home or a mirror."""
 
     epoch: Epoch
-    """The home's, or the latest that the mirror has heard of; `NONE`."""
+    """The home's epoch, or the latest that the mirror has received; `NONE`."""
     role: Role
     state: str
     owner: str
     """16 hexadecimal digits that identify a mirror."""
     commit: int
-    """The last that was sent, or applied."""
+    """The last commit that was sent, or applied."""
     newest: int
     """The last known commit of the home."""
     behind: int
-    """Nanoseconds since the mirror had all commits."""
+    """Nanoseconds since the mirror last had all commits."""
     counts: tuple[int, ...]
     """The `HomeStats` or `MirrorStats`."""
 
@@ -222,7 +222,7 @@ def message_of(data: bytes) -> Message:
 
 
 def _front(data: bytes, first: int, last: int) -> tuple[int, int, bytes]:
-    """Return kind, number and id of a whole message. Raises CorruptMessage, also by its kind."""
+    """Return kind, number and id of a complete message of a known kind. Raises CorruptMessage."""
     if len(data) < _LEAST:
         raise _corrupt(len(data), "it is cut short")
     magic, version, kind, flags, number, ident = _FRONT.unpack_from(data)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 Access: TypeAlias = Literal["read", "write"]
-"""`read`: mirror it. `write`: be its home as well."""
+"""`read`: mirror the namespace. `write`: also be its home."""
 
 _ROUTER = "tls/127.0.0.1:7447"
 
@@ -47,7 +47,8 @@ def secure(
     Parameters
     ----------
     ca
-        A PEM file of certificates. Only peers with a certificate that one of them signed connect.
+        A PEM file of certificates. Only peers with a certificate signed by one of these can
+        connect.
     cert, key
         PEM files with the certificate of this process and its key. If the process listens, the
         certificate must name the host to which others connect.
@@ -55,8 +56,9 @@ def secure(
         As in `Session`, with `tls/` before the address. Default: tls/127.0.0.1:7447.
     allow
         Permissions of peers that connect to `listen`, by the common names of their certificates:
-        `"read"`, `"write"`, or one of them by namespace, such as `{"robot2": "write"}`. Other
-        peers have none; this certificate has all. None: every certified peer has all.
+        `"read"`, `"write"`, or one of them by namespace, such as `{"robot2": "write"}`. Other peers
+        have no permissions; this process has all. None: every peer with a certificate has all
+        permissions.
 
     Returns
     -------
@@ -66,8 +68,8 @@ def secure(
     Raises
     ------
     InvalidArgument
-        The certificate is not of the key or not of the authority, or has expired; an endpoint
-        without `tls/`; `allow` without `listen`, or of another form.
+        The certificate does not match the key or the authority, or has expired; an endpoint does
+        not begin with `tls/`; `allow` without `listen`, or `allow` is invalid.
     OSError
         A file cannot be read.
     """
@@ -178,7 +180,7 @@ def _common_name(ca: str, cert: str, key: str) -> str:
 
 
 def _handshake_is_done(end: ssl.SSLObject) -> bool:
-    """Make a step of a handshake; return true if it is complete."""
+    """Make one step of a handshake; return whether it is complete."""
     try:
         end.do_handshake()
     except ssl.SSLWantReadError:

@@ -21,15 +21,16 @@ if TYPE_CHECKING:
     from .messages import Question
 
 GROUP = 64
-"""So many commits are in a message at most; an answer may have more."""
+"""Largest number of commits in a message; an answer may have more."""
 _ALL = 1 << 30
 
 
 def epoch_for(buffer: Buffer, source: str, seen: Iterable[Epoch]) -> Epoch:
-    """Return the epoch of a new home: none of `seen` is later.
+    """Return the epoch of a new home, later than all of `seen` except for its own.
 
-    It is the store's own, so that mirrors go on after a restart, if the store outlives its process,
-    never was a mirror of this namespace, and has not been followed by another home. Else it is new.
+    The epoch is the store's own, so that mirrors continue after a restart, if three conditions
+    hold: the store survives its process, it was never a mirror of this namespace, and no later home
+    exists. Otherwise the epoch is new.
     """
     own = buffer.epoch
     known = [each.epoch for each in buffer.positions() if each.source == source]
@@ -39,7 +40,7 @@ def epoch_for(buffer: Buffer, source: str, seen: Iterable[Epoch]) -> Epoch:
 
 
 def epoch_after(latest: Epoch) -> Epoch:
-    """Return an epoch that no home had, later than `latest`. Raises InvalidArgument: none is."""
+    """Return a new epoch, later than `latest`. Raises InvalidArgument if none is later."""
     number = max(time.time_ns(), latest.number + 1)
     if number >= MOST_NUMBER:
         text = f"epoch {latest.number} of a token or a position is the last one, so no home can "
@@ -63,9 +64,9 @@ _NOWHERE = Origin()
 
 
 def take_over(buffer: Buffer, source: str, epoch: Epoch) -> Origin:
-    """Let a store be a home's: if it was a mirror's, its writers may write now.
+    """Turn a store into a home's: if it was a mirror's, local writers may write from now on.
 
-    Raises as a write.
+    Raises the errors of a write.
     """
     while True:
         found = (each for each in buffer.positions() if each.source == source)
@@ -79,9 +80,9 @@ def take_over(buffer: Buffer, source: str, epoch: Epoch) -> Origin:
 
 
 def step_back(buffer: Buffer, source: str, homes: Iterable[Epoch]) -> None:
-    """Make the store of a promoted home, which is not one of `homes` now, that of a mirror again.
+    """Turn the store of a promoted home that is not in `homes` back into a mirror's.
 
-    Raises as a write, also where there is nothing to do.
+    Raises the errors of a write, even if it changes nothing.
     """
     nowhere = Position(source, NONE, 0, "")
     found = [each for each in buffer.positions() if each.source == source]
@@ -99,7 +100,9 @@ class Sender:
     def __init__(self, buffer: Buffer, epoch: Epoch, origin: Origin = _NOWHERE) -> None:
         self.epoch: Epoch = epoch
         self.lapped: int = 0
-        """How many commits mirrors learn by a state: the feed had overrun the sender."""
+        """Number of commits that mirrors get as a state, because the feed had overrun the
+        sender.
+        """
         self._buffer = buffer
         self._origin = origin
         self._is_own = epoch == buffer.epoch
@@ -107,7 +110,7 @@ class Sender:
         self._held = buffer.snapshot()
         self._target = self._held
         self.commit: int = self._held.commit
-        """The last commit that was sent, or was there before."""
+        """The last sent commit; at first the last commit before the start."""
 
     def next(self) -> bytes | None:
         """Return the next message of the log. None: all was sent."""
@@ -134,11 +137,11 @@ class Sender:
         return self._sample(data)
 
     def head(self) -> bytes:
-        """Return the message by which mirrors find that they miss commits."""
+        """Return the message by which mirrors detect missing commits."""
         return head_bytes(Head(self.epoch, self.commit, *self._origin))
 
     def answer(self, question: Question) -> list[bytes]:
-        """Return the messages that bring a mirror forth: commits where they suffice, or a state."""
+        """Return the messages that a mirror needs: commits if they suffice, otherwise a state."""
         since = self._since(question)
         if since is not None:
             with suppress(FeedLapped, Gone, InvalidArgument):
@@ -149,7 +152,7 @@ class Sender:
         return [self.head(), *state_messages(self.epoch, snap.commit, state)]
 
     def _since(self, question: Question) -> int | None:
-        """Return the commit of this home at which the mirror is. None: at none."""
+        """Return the commit of this home that equals the mirror's position. None: none does."""
         if question.of == self.epoch:
             return question.since
         is_at_fork = (question.of, question.since) == self._origin[:2]

@@ -27,43 +27,43 @@ _PROTOCOLS = "tcp", "tls", "udp", "quic", "ws", "unixsock-stream", "serial", "vs
 _WITH_PORT = _PROTOCOLS[:5]
 _ADDRESS = re.compile(r"(?:\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+):([0-9]{1,5})(?:[?#]\S*)?")
 _PAUSE = 1.0
-"""Seconds until a router that was not there is tried again."""
+"""Seconds until the next attempt to reach a missing router."""
 
 
 class Session(Closable):
-    """A connection to other machines by Zenoh, for any number of homes and mirrors.
+    """A connection to other machines over Zenoh, for any number of homes and mirrors.
 
-    It opens two sessions of Zenoh: one for data, one that follows who is alive. It is a context
+    It opens two sessions of Zenoh: one for data, one for liveliness tokens. It is a context
     manager; close its homes and mirrors first.
 
     Parameters
     ----------
     connect
-        Endpoint of a router, or several to try in turn, such as `tcp/10.0.0.1:7447`. Default: the
-        router at tcp/127.0.0.1:7447, without `listen`.
+        Endpoint of a router, such as `tcp/10.0.0.1:7447`, or several to try one after the other.
+        Default without `listen`: the router at tcp/127.0.0.1:7447.
     listen
-        Endpoint, or several, at which this process is a router itself, such as
-        `tcp/127.0.0.1:7447`. By default nothing listens.
+        Endpoint, or several, at which this process itself is a router, such as
+        `tcp/127.0.0.1:7447`. By default it does not listen.
     config
-        Instead of both: Zenoh's configuration, as `tfdb.net.secure` makes it, or a file of it.
-        Unless it sets them, the mode is `client`, no port is opened, and scouting is off.
+        In place of both: a configuration of Zenoh, such as that of `tfdb.net.secure`, or a file
+        with it. Unless it sets them, the mode is `client`, no port is opened, and scouting is off.
     wait
         Seconds to wait for a missing router. None: without limit. A process that listens does not
         wait.
     on_wait
-        Called once at the begin of the wait, with a text that names the router.
+        Function that is called once, at the start of the wait, with a text that names the router.
 
     Raises
     ------
     NotSupported
         PyPI's eclipse-zenoh is not installed.
     ConnectionError
-        No router answers, or it cannot listen at an endpoint.
+        No router answers, or the process cannot listen at an endpoint.
     InvalidArgument
         `config` together with `connect` or `listen`; an invalid `config`; an endpoint that is not
         PROTOCOL/HOST:PORT; a negative `wait`.
     TypeError
-        `connect` or `listen` is neither a text nor several.
+        `connect` or `listen` is neither a text nor a sequence of texts.
     OSError
         The file cannot be read.
     """
@@ -124,7 +124,7 @@ class Session(Closable):
 
     @property
     def link(self) -> Link:
-        """What homes and mirrors use."""
+        """The network interface for homes and mirrors."""
         if self._is_closed:
             raise InvalidArgument(f"the session at {self._where} is closed: make another")
         return self._link
@@ -140,7 +140,7 @@ class Session(Closable):
 
 
 def _read(config: str | os.PathLike[str] | Mapping[str, Any]) -> tuple[str, str]:
-    """Return a configuration as text, and what errors call it."""
+    """Return a configuration as text, and its name for error texts."""
     if not isinstance(config, Mapping):
         return check_path(config).read_text(), str(config)
     try:
@@ -166,7 +166,7 @@ def check_endpoints(name: str, value: str | Iterable[str], example: str) -> list
 
 
 def _why_no_endpoint(value: Any) -> str:
-    """Return what is wrong with an endpoint; empty for a valid one."""
+    """Return why an endpoint is invalid; empty for a valid one."""
     protocol, slash, address = value.partition("/") if isinstance(value, str) else ("", "", "")
     if not slash or not address:
         return f"PROTOCOL/HOST:PORT is valid, with one of {', '.join(_WITH_PORT)}"

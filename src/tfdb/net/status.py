@@ -43,17 +43,18 @@ class Status:
     owner: str
     """Identifies a mirror in its namespace; empty for a home."""
     state: State
-    """As `Home.state` or `Mirror.state`. `silent`: it is alive, and did not answer in time."""
+    """As `Home.state` or `Mirror.state`. `silent`: it is connected, but did not answer in time."""
     epoch: Epoch | None
-    """The home's, or the latest that the mirror has heard of. None: it has heard of none."""
+    """The home's epoch, or the latest that the mirror has received. None: it has received none."""
     commit: int | None
     """The last commit that the home has sent, or the mirror has applied. None: `silent`."""
     lag: int | None
     """Number of commits that the home has not sent, or the mirror lacks. None: `silent`."""
     behind: float | None
-    """Seconds since a mirror had all that its home has sent; 0 while it is live, absent, or a home.
+    """Seconds since the mirror last had all commits of its home; 0 for a home or a live or absent
+    mirror.
 
-    It is by the mirror's clock alone. A network that is cut counts from the last message.
+    It is measured by the mirror's clock. If the network is cut, it counts from the last message.
     """
     stats: HomeStats | MirrorStats | None
     """Its counts. None: `silent`."""
@@ -76,7 +77,8 @@ def status(
     session
         The connection. None: one to the router at tcp/127.0.0.1:7447, closed at the end.
     timeout
-        Seconds to wait for answers. A home or mirror that is alive without an answer is `silent`.
+        Seconds to wait for answers. A home or mirror that is connected but does not answer is
+        `silent`.
 
     Returns
     -------
@@ -88,7 +90,7 @@ def status(
     InvalidName
         No namespace can have the name.
     InvalidArgument, TypeError
-        The timeout is not positive, or a value that a parameter does not take.
+        The timeout is not positive, or an argument is invalid.
     NotSupported
         PyPI's eclipse-zenoh is not installed.
     ConnectionError
@@ -113,12 +115,12 @@ def status(
 
 
 def _place(each: Status) -> tuple[object, ...]:
-    """What tells it from others: a home's epoch, a mirror's owner."""
+    """Sort key that identifies a home by its epoch, a mirror by its owner."""
     return each.name, each.role, each.owner or each.epoch
 
 
 def _read(name: str, data: bytes) -> Status | None:
-    """Return what an answer says. None: it is of a program that is none of ours."""
+    """Return the status in an answer. None: another program sent it."""
     try:
         told = status_of(data)
     except CorruptMessage:

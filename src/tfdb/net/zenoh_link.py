@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 _ROLES: tuple[Role, Role] = "home", "mirror"
 _ANSWERS = 4
-"""So many questions are answered at once."""
+"""Number of requests that are answered at the same time."""
 _MOST_QUESTIONS = 64
-"""So many more wait; beyond, none is answered, and the mirror asks again."""
+"""Number of further requests that wait. Beyond it requests are ignored, and mirrors repeat them."""
 _SHARED_MEMORY = "transport/shared_memory/enabled"
 _PATIENCE = 5.0
-"""Seconds for an answer."""
+"""Seconds to wait for an answer."""
 _LAST_CALLS = 5.0
-"""Seconds for the calls that have begun when a session is closed."""
+"""Seconds to wait for running calls when a session is closed."""
 
 
 def open_link(data: zenoh.Config, tokens: zenoh.Config, where: str) -> ZenohLink:
@@ -63,13 +63,13 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
 
 
 def _close(session: zenoh.Session) -> None:
-    """Close a session, also one that does not reach its router."""
+    """Close a session, even one that does not reach its router."""
     with suppress(zenoh.ZError):  # Zenoh's own timeout has passed
         session.close()
 
 
 def configs_of(text: str, where: str) -> tuple[zenoh.Config, zenoh.Config]:
-    """Read a configuration for data, and make that for tokens of it. Raises InvalidArgument."""
+    """Read the configuration for data, and derive that for tokens. Raises InvalidArgument."""
     try:
         data, tokens = zenoh.Config.from_json5(text), zenoh.Config.from_json5(text)
         for config in (data, tokens):
@@ -98,8 +98,8 @@ def listeners(config: zenoh.Config) -> list[str]:
 def _disable_listening(config: zenoh.Config) -> None:
     """Disable listening and scouting in a configuration, unless it sets them.
 
-    Nor does it use Zenoh's shared memory: a process that is stopped for 0.1 s would lose a state,
-    and one that is killed would leave 16 MiB.
+    Also disable Zenoh's shared memory: a process that is suspended for 0.1 s would lose a state,
+    and a killed one would leave 16 MiB.
     """
     _set(config, _SHARED_MEMORY, value=False)
     if config.get_json("mode") == "null":
@@ -117,7 +117,7 @@ def _set(config: zenoh.Config, key: str, value: object) -> None:
 
 
 def config_for(mode: str, connect: list[str], listen: list[str]) -> zenoh.Config:
-    """Make a configuration that neither searches the network nor listens unless told."""
+    """Make a configuration without scouting, which listens only at given endpoints."""
     config = zenoh.Config()
     for key, value in (
         ("mode", mode),
@@ -278,7 +278,7 @@ class ZenohLink:
         return _Declared(self._call, *filter(None, parts))
 
     def _direct(self, call: Callable[[Any], None]) -> Any:
-        """Let a thread of Zenoh make the calls: else each handler has a thread of its own."""
+        """Let Zenoh's own threads make the calls; otherwise each handler would have a thread."""
         ended = threading.Event()
         self._handlers.add(ended)
 
@@ -289,7 +289,7 @@ class ZenohLink:
         return zenoh.handlers.Callback(call, finish, indirect=False)
 
     def _call(self, call: Callable[..., Any], *values: Any, **options: Any) -> Any:
-        """Call Zenoh, but not at the end of the process: a thread that returned would abort it."""
+        """Call Zenoh, but not at the end of the process: a returning thread would abort it."""
         with self._calls:
             if self._is_ending:
                 return None
@@ -302,7 +302,7 @@ class ZenohLink:
                 self._calls.notify_all()
 
     def end(self) -> None:
-        """Close it at the end of the process: homes and mirrors may still use it."""
+        """Close the link at the end of the process; homes and mirrors may still use it."""
         with self._calls:
             self._is_ending = True
             self._calls.wait_for(lambda: not self._running, _LAST_CALLS)

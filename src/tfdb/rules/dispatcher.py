@@ -40,10 +40,10 @@ _RENEWED = 1.0  # seconds: frames without rules keep at most this much data
 
 
 class Dispatcher:
-    """Evaluates the rules of one buffer, in the order of commits.
+    """Evaluates the rules of one buffer in commit order.
 
-    The lock guards the installed rules. No predicate and no action runs under it. Threads run, and
-    keep the buffer, only while rules are installed.
+    The lock guards the installed rules. Predicates and actions run without it. Threads run, and
+    keep a reference to the buffer, only while rules are installed.
     """
 
     def __init__(self, buffer: Buffer) -> None:
@@ -100,7 +100,7 @@ class Dispatcher:
                 self.pool.forget(rule)
 
     def drain(self, timeout: float | None) -> bool:
-        """Wait until all commits so far are evaluated and no action waits or runs."""
+        """Wait until all commits so far are evaluated, and no action waits or runs."""
         if threading.current_thread() is self._thread or self.pool.is_its_thread():
             raise InvalidArgument(
                 "drain() cannot be called in a rule's function: it would wait for itself"
@@ -222,7 +222,7 @@ class Dispatcher:
         self.pool.forget_chains(position)
 
     def _patience(self) -> float:
-        """Log the counts when due. Return the seconds for which the thread may sleep."""
+        """Log the counts when due. Return the seconds that the thread may sleep."""
         if self.log_interval is None:
             return _RENEWED
         left = self._logged + self.log_interval - time.monotonic()
@@ -294,7 +294,7 @@ class Dispatcher:
                 self._judge(rule, subject, state, chain, its)
 
     def _changes_of(self, commit: int, frame: str) -> Changes | None:
-        """Return what a commit did to a frame, or to all; None: nothing."""
+        """Return a commit's changes of a frame, or of all frames; None: it changed none."""
         frames = None if frame == EVERY else (frame,)
         found = self._buffer.changes(commit - 1, 1, frames=frames)
         return found[0] if found and found[0].commit == commit else None
@@ -302,7 +302,8 @@ class Dispatcher:
     def _evaluate_newest(self, newest: Snapshot) -> None:
         """Evaluate all rules on the newest state, because earlier ones are lost.
 
-        A condition of frames needs the commits. A rule of frames without a condition fires.
+        A condition on frames cannot be evaluated, because it needs the commits. A rule on frames
+        without a condition fires.
         """
         unseen = newest.commit - self._position - 1
         rules = tuple(self.rules)
@@ -362,7 +363,7 @@ class Dispatcher:
 
 
 def _watched(rules: list[Rule]) -> tuple[list[str], list[tuple[str, str]], bool]:
-    """Return what a watch of these rules is of: frames, pairs, and whether of every commit."""
+    """Return the frames and pairs of these rules, and whether one needs every commit."""
     subjects = list(dict.fromkeys(subject for rule in rules for subject in rule.on))
     frames = [subject for subject in subjects if isinstance(subject, str)]
     pairs = [subject for subject in subjects if isinstance(subject, tuple)]

@@ -1,4 +1,4 @@
-"""What an action gets."""
+"""The argument of an action."""
 
 from __future__ import annotations
 
@@ -27,27 +27,31 @@ class Event:
     commit: int
     """The commit that fired it."""
     transform: Transform | None
-    """The answer for the pair in that commit's state; None: it has none, or a frame fired it."""
+    """The pair's transform in the state of that commit; None: it has none, or the rule is on a
+    frame.
+    """
     before: Transform | None
-    """The answer at the evaluation before."""
+    """The pair's transform at the previous evaluation."""
     changes: Changes | None
-    """What the commit did to a frame, or for `"*"`; None for a pair, or if commits are unseen."""
+    """The changes of the frame, or for `"*"` of all frames; None for a pair, or after skipped
+    commits.
+    """
     snapshot: Snapshot
     """The state of the commit, until the action returns."""
     scheduled: int
-    """When it was scheduled: nanoseconds of `time.monotonic_ns`."""
+    """The time at which the event was scheduled, by `time.monotonic_ns`."""
     chain: tuple[str, ...] = ()
-    """Names of the rules whose commits led to this one, the first cause first."""
+    """Names of the rules whose commits led to this event, the first one first."""
     merged: int = 0
-    """How many earlier events of the rule it replaced: `debounce` or `max_rate`."""
+    """Number of earlier events that this one replaced, by `debounce` or `max_rate`."""
     unseen: int = 0
-    """How many commits before this one were not evaluated: the evaluation had fallen behind."""
+    """Number of commits before this one that were not evaluated, because they left the feed."""
     _due: float = field(default=0.0, repr=False)  # of time.monotonic
     _dropped: bool = field(default=False, repr=False)
 
     @property
     def depth(self) -> int:
-        """How many rules' commits led to this one."""
+        """Number of rules whose commits led to this event."""
         return len(self.chain)
 
 

@@ -24,7 +24,7 @@ __all__: list[str] = []
 
 
 class _Lane:
-    """Events that run one after the other: of a rule, or of a series of rules."""
+    """A queue of events of a rule, or a series of rules, whose actions run one at a time."""
 
     def __init__(self) -> None:
         self.events: deque[Event] = deque()
@@ -67,11 +67,11 @@ class Pool:
             self.lock.notify_all()
 
     def is_its_thread(self) -> bool:
-        """Whether the calling thread is one that runs actions of this pool."""
+        """Whether the calling thread runs actions of this pool."""
         return hasattr(self._local, "works")
 
     def count(self, rule: Rule, **figures: int) -> None:
-        """Add to the counts of a rule, and of all rules."""
+        """Add to the counts of a rule and of all rules."""
         with self.lock:
             for stats in (rule.stats, self._total):
                 for name, by in figures.items():
@@ -125,7 +125,7 @@ class Pool:
         self.lock.notify_all()
 
     def chain_of(self, commit: int) -> tuple[str, ...]:
-        """Return the rules that led to a commit, once it is known that no action made it."""
+        """Return the rules that led to a commit, once it is known whether an action made it."""
         with self.lock:
             others = set(self._committing)
             self.lock.wait_for(
@@ -134,13 +134,13 @@ class Pool:
             return self._chains.get(commit, ())
 
     def forget_chains(self, until: int) -> None:
-        """Forget the rules that led to commits which are evaluated."""
+        """Forget the rules that led to commits, once these are evaluated."""
         with self.lock:
             for commit in [commit for commit in self._chains if commit <= until]:
                 del self._chains[commit]
 
     def drain(self, timeout: float | None) -> bool:
-        """Wait until no event waits or runs. False: the time is over."""
+        """Wait until no event waits or runs. False: the timeout has passed."""
         with self.lock:
             return self.lock.wait_for(lambda: not self._ready and self._running == 0, timeout)
 
@@ -155,7 +155,7 @@ class Pool:
             self.lock.notify_all()
 
     def rest(self) -> None:
-        """Let the threads end until the next event, because no rule is installed."""
+        """Let the threads end, because no rule is installed. The next event starts new ones."""
         with self.lock:
             self._rests = True
             self.lock.notify_all()
@@ -173,7 +173,7 @@ class Pool:
         self.lock.notify_all()  # threads other than workers wait for it as well
 
     def _start_thread(self) -> None:
-        """Start another thread, unless the idle ones suffice."""
+        """Start another thread if all others are busy."""
         if self._idle < len(self._ready) and self._threads < self._wanted:
             self._threads += 1
             threading.Thread(target=self._work, name="tfdb rules", daemon=True).start()
@@ -203,7 +203,7 @@ class Pool:
                     self.lock.notify_all()
 
     def _take(self) -> tuple[_Lane, Event] | None:
-        """Wait for an event whose time has come. None: this thread ends."""
+        """Wait for an event that is due. None: this thread ends."""
         with self.lock:
             while True:
                 rests = self._rests and not self._ready
@@ -283,7 +283,7 @@ class Pool:
             self._note(event)
 
     def _note(self, event: Event, commit: int | None = None) -> None:
-        """Note that an action of the event made this commit, or that it can commit no more."""
+        """Note that an action of the event made this commit, or cannot commit any more."""
         with self.lock:
             if commit is not None:
                 self._chains[commit] = (*event.chain, event.rule.name)

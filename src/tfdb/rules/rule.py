@@ -1,4 +1,4 @@
-"""The class Rule: what fires, when, and how its action runs."""
+"""The class Rule: its subjects, its condition, and its action."""
 
 from __future__ import annotations
 
@@ -38,37 +38,43 @@ EVERY = "*"
 
 
 class RuleOptions(TypedDict, total=False):
-    """How a rule fires, and how its action runs."""
+    """Options of a rule: when it fires, and how its action runs."""
 
     name: str
-    """Name in logs and in the chains of cascades. The name of the function, if it is not given."""
+    """Name in logs and in `Event.chain`. Default: the name of the function."""
     fires: Fires
-    """`rises` (default of pairs): False at the last evaluation, True now. `falls`: the reverse.
-    `changes`: True, and the pair's transform differs from the last one. `always` (default of
-    frames): True."""
+    """`rises` (default for pairs): False at the previous evaluation, True now. `falls`: the
+    reverse. `changes`: True, and the pair's transform differs from the previous one. `always`
+    (default for frames): True.
+    """
     policy: Policy | None
-    """Policy of the pair's lookup."""
+    """Policy for the lookup of the pair."""
     at: StampLike | None
-    """Stamp of the pair's lookup; None: the latest common time."""
+    """Stamp for the lookup of the pair; None: the latest common time."""
     initial: bool
-    """Whether a pair's condition that is True at installation fires. False, if it is not given."""
+    """Whether the rule fires if the condition of a pair is True at installation. Default: False."""
     retries: int
-    """How often an action with a transaction runs again after a Conflict: 3."""
+    """How often an action with a transaction runs again after a Conflict. Default: 3."""
     serial: str
-    """Rules with one name run one at a time, in the order of commits, then of installation."""
+    """Rules with the same name here run one at a time, in the order of commits, then of
+    installation.
+    """
     overlap: bool
-    """Whether the action may run several times at once, in any order. False: one at a time, in the
-    order of commits."""
+    """Whether the action may run several times at once, in any order. Default: one at a time, in
+    commit order.
+    """
     max_depth: int
-    """Longest chain of rules whose commits led to a firing: 16. A longer one is a RuleCycle."""
+    """Longest chain of rules that may lead to an event. Default: 16. A longer one is a
+    RuleCycle.
+    """
     max_pending: int
-    """Largest number of events that wait for the action: 1000."""
+    """Largest number of events that wait for the action. Default: 1000."""
     keep: Literal["newest", "oldest"]
-    """Which events stay when there are more: `newest`."""
+    """Which events stay if more than `max_pending` wait. Default: `newest`."""
     debounce: float
-    """Seconds: the action begins when no further event came for so long, with the newest one."""
+    """The action begins with the newest event, once no event has come for this many seconds."""
     max_rate: float
-    """Largest number of firings in a second. The newest event of those between stays."""
+    """Largest number of actions per second, each with the newest event."""
 
 
 class Rule:
@@ -100,11 +106,11 @@ class Rule:
         self.on: tuple[Subject, ...] = subjects_of(on)
         """The pairs, the frames, or `"*"`."""
         self.name: str = _name_of(action, name)
-        """Its name in logs and in the chains of cascades."""
+        """Its name in logs and in `Event.chain`."""
         self.fires: Fires = _fires_of(fires, is_of_pairs=isinstance(self.on[0], tuple))
         """When it fires."""
         self.stats: RuleStats = RuleStats()
-        """What was counted."""
+        """Its counts and durations."""
         self._action = action
         self._wants_transaction = _takes_transaction(action)
         self._when = when
@@ -136,13 +142,13 @@ class Rule:
 
     @property
     def removed(self) -> bool:
-        """Whether it was removed, or its buffer closed."""
+        """Whether the rule was removed, or its buffer closed."""
         return self._remove is None
 
     def remove(self) -> None:
-        """End the rule. When this returns, no action of it begins any more.
+        """Remove the rule. After this call, no action of it begins.
 
-        An action that runs goes on; it may call this itself. A second call does nothing.
+        A running action continues; it may call this method itself. A second call does nothing.
         """
         if (remove := self._remove) is not None:
             remove(self)
@@ -170,7 +176,7 @@ def _name_of(action: Callable[..., object], name: str | None) -> str:
 
 
 def subjects_of(on: object) -> tuple[Subject, ...]:
-    """Return the pairs, or the frames, each once."""
+    """Return the pairs, or the frames, without duplicates."""
     if isinstance(on, str) or _is_pair(on):
         return (cast("Subject", on),)
     try:
@@ -196,7 +202,7 @@ def _is_pair(subject: object) -> bool:
 
 
 def _takes_transaction(action: Callable[..., object]) -> bool:
-    """Whether it is called with a transaction behind the event: it needs a second argument."""
+    """Whether the action has a second required parameter, so that it gets a transaction."""
     is_later = (
         inspect.iscoroutinefunction,
         inspect.isgeneratorfunction,

@@ -1,4 +1,4 @@
-"""The class Rules: the rules of a buffer, and what concerns all of them."""
+"""The class Rules: the rules of a buffer, and their common settings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["Rules"]
 
 
 class Rules:
-    """The installed rules of a buffer, in the order of their installation: `Buffer.rules`."""
+    """The installed rules of a buffer, in the order of installation: `Buffer.rules`."""
 
     def __init__(self, buffer: Buffer) -> None:
         self._buffer = buffer
@@ -54,10 +54,10 @@ class Rules:
 
     @property
     def on_error(self) -> Callable[[Rule, Event | None, BaseException], object] | None:
-        """Function that is called with what a predicate or an action raised.
+        """Function that is called with each exception of a predicate or an action.
 
-        Its arguments are the rule, the event (None: the predicate raised) and the error, which is
-        also logged by the logger `tfdb.rules`.
+        Its arguments are the rule, the event (None if the predicate raised) and the exception. The
+        logger `tfdb.rules` also logs the exception.
         """
         return self._dispatcher.on_error
 
@@ -71,7 +71,7 @@ class Rules:
 
     @property
     def stats_log_interval(self) -> float | None:
-        """Seconds between two reports of the figures in the log `tfdb.rules`; None: no reports."""
+        """Seconds between two entries with the counts in the log `tfdb.rules`; None: no entries."""
         return self._dispatcher.log_interval
 
     @stats_log_interval.setter
@@ -86,7 +86,7 @@ class Rules:
 
     @property
     def stats(self) -> RuleStats:
-        """The figures of all rules, removed ones included."""
+        """The counts of all rules, including removed ones."""
         return replace(self._dispatcher.total)
 
     def drain(self, timeout: float | None = None) -> bool:
@@ -100,12 +100,12 @@ class Rules:
         Returns
         -------
         bool
-            False: the time is over.
+            False: the timeout has passed.
 
         Raises
         ------
         InvalidArgument
-            The timeout is negative, or this is a rule's function, which would wait for itself.
+            The timeout is negative, or a rule's function calls this and would wait for itself.
         BufferClosed
         """
         if timeout is not None:

@@ -1,4 +1,4 @@
-"""What is counted of a rule, and of all rules of a buffer."""
+"""Counts of a rule, and of all rules of a buffer."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ __all__ = ["RuleStats"]
 
 @dataclass(slots=True)
 class RuleStats:
-    """Counts since the rule was installed; of `Buffer.rules`, of all rules so far."""
+    """Counts of a rule since its installation. Those of `Buffer.rules` are of all rules so far."""
 
     scheduled: int = 0
-    """Events that were handed to an action."""
+    """Events that were passed to an action."""
     invoked: int = 0
     """Actions that began, retries included."""
     pending: int = 0
     """Events whose action has not begun."""
     dropped: int = 0
-    """Events that were given up: more than `max_pending`, deeper than `max_depth`, or the end."""
+    """Events that were dropped: by `max_pending`, by `max_depth`, or because the rule ended."""
     merged: int = 0
-    """Events that a later one replaced: `debounce` or `max_rate`."""
+    """Events that a later one replaced, by `debounce` or `max_rate`."""
     abandoned: int = 0
-    """Actions that still conflicted after the last retry."""
+    """Actions whose last retry also had a conflict."""
     retried: int = 0
     """Actions that ran again after a Conflict."""
     exceptions: int = 0
     """Predicates and actions that raised."""
     unseen: int = 0
-    """Commits that went by without an evaluation."""
+    """Commits that were not evaluated."""
     latency_mean: float = 0.0
-    """Seconds from when the commit was seen to when the action began."""
+    """Mean of the seconds from reading the commit to the begin of the action."""
     latency_max: float = 0.0
     execution_mean: float = 0.0
-    """Seconds that an action took, retries included."""
+    """Mean duration of an action in seconds, including retries."""
     execution_max: float = 0.0
     ended: int = field(default=0, repr=False)
     """Events whose action has ended."""

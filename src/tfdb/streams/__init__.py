@@ -1,4 +1,4 @@
-"""Streams: what a buffer's commits stored, each sample once and in order."""
+"""Streams: the samples that a buffer's commits store, each once and in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The class AnswerStream: the answers of one lookup, one for each commit that changes it."""
+"""The class AnswerStream: the results of one lookup, one for each commit that changes it."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ _COMMITS = 256  # whose states are read at once, at most
 
 
 class AnswerStream(Cursor["Transform"]):
-    """The answers T[target<-source], one for each commit that changes the answer.
+    """The results T[target<-source] of one lookup, one for each commit that changes the result.
 
-    `Buffer.follow(pair=...)` makes it. The answer is that of `lookup_transform` without a stamp, in
-    the state of the commit: another pose or another stamp is another answer. Iterate over it, or
-    call the `read_` methods. It is a context manager; `close()` ends its reads, from any thread.
+    `Buffer.follow(pair=...)` creates it. A result is that of `lookup_transform` without a stamp, in
+    the state of the commit. A new pose or a new stamp is a new result. Iterate over the stream, or
+    call the `read_` methods. It is a context manager; any thread may call `close()`, which ends all
+    reads.
     """
 
     def __init__(
@@ -65,25 +66,25 @@ class AnswerStream(Cursor["Transform"]):
             start.close()
 
     def read_next(self, n: int = 1, timeout: float | None = 0) -> Transform | None:
-        """Read the answer that is `n` after the one read last.
+        """Read the result `n` places after the last one read.
 
         Parameters
         ----------
         n
-            A number of answers, not of seconds.
+            A number of results, not of seconds.
         timeout
             Seconds to wait for it; 0: do not wait; None: for ever.
 
         Returns
         -------
         Transform or None
-            None: it is not there yet. The stream stays where it is.
+            None: it does not exist yet. The stream does not move.
 
         Raises
         ------
         FeedLapped
             Commits left the feed before they were read. `missed` counts them, and the next read
-            goes on behind them. Not with `lapped="skip"`.
+            continues after them. Not with `lapped="skip"`.
         InvalidArgument, StreamClosed, BufferClosed, NoSuchStore, TransactionActive
         """
         n = check_count("n", n)
@@ -98,7 +99,7 @@ class AnswerStream(Cursor["Transform"]):
             return self._answers.popleft()
 
     def read_new(self, timeout: float | None = 0) -> Transform | None:
-        """Read the newest answer, if it is newer than the one read last; skip those between.
+        """Read the newest result, if it is newer than the last one read. Skip those between.
 
         Parameters
         ----------
@@ -148,7 +149,7 @@ class AnswerStream(Cursor["Transform"]):
         return len(self._answers) > before
 
     def _answer(self, state: Snapshot) -> None:
-        """Keep the answer of a state, if it is another one."""
+        """Store the result of a state, if it differs from the last one."""
         found = None
         with suppress(*NO_ANSWER_YET):
             found = state.lookup_transform(*self._pair)

@@ -1,4 +1,4 @@
-"""What streams of samples and of answers share: a position in the feed, and its end."""
+"""The common part of streams of samples and of results: a position in the feed, and its end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _RENEWED = 1.0  # seconds: frames that are not followed keep at most this much d
 class Cursor(Reader[Item]):
     """A reader's position among the commits of a buffer.
 
-    One thread reads at a time, others wait for it; any thread may close it.
+    One thread reads at a time, and others wait for it. Any thread may close it.
     """
 
     _takes_every_commit = False
@@ -99,7 +99,7 @@ class Cursor(Reader[Item]):
         return self._ended
 
     def close(self) -> None:
-        """Release what the stream holds, and end its reads in all threads."""
+        """Release the stream's snapshot, and end its reads in all threads."""
         self._end()
         if self._watch is not None:
             self._watch.close()
@@ -126,7 +126,7 @@ class Cursor(Reader[Item]):
             raise StreamClosed("the stream is closed: make another by Buffer.follow()")
 
     def _wait(self, until: float | None) -> bool:
-        """Wait for commits after the position, a while at most. False: the time is over.
+        """Wait for commits after the position, for a limited time. False: the time is over.
 
         Raises StreamClosed.
         """
@@ -181,7 +181,7 @@ class Cursor(Reader[Item]):
             self._ends.discard(end)
 
     def _more(self, read: Callable[[], bool], *, quietly: bool = False) -> bool:
-        """Call `read`, which moves the position, until it finds something. False: nothing is there.
+        """Call `read`, which moves the position, until it finds something. False: it found nothing.
 
         It reads under a snapshot of the position, if the stream holds one.
         """
@@ -250,7 +250,7 @@ def commit_of(since: object, newest: int) -> int:
 
 
 def separation_of(min_separation: float | None) -> int | None:
-    """Return it in nanoseconds; None: nothing is left out."""
+    """Return `min_separation` in nanoseconds; None: no sample is skipped."""
     if min_separation is None:
         return None
     return duration_to_nanoseconds(min_separation, "min_separation")

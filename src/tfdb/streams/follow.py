@@ -28,7 +28,7 @@ def follow(
     lapped: Lapped,
     poll: float,
 ) -> Stream | AnswerStream:
-    """Make a stream of samples, or of the answers of a pair."""
+    """Make a stream of samples, or of the results of a pair."""
     held = since == "held"
     commit = None if held else since
     if pair is None:

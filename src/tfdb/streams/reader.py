@@ -1,4 +1,4 @@
-"""What all streams share: iteration over `read_next`, and their end."""
+"""The common part of all streams: iteration over `read_next`, and their end."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Reader(Closable, ABC, Generic[Item]):
 
 
 def deadline(timeout: float | None) -> float | None:
-    """Return the end of a wait, as `time.monotonic` counts; None: it has none."""
+    """Return the end of a wait as a time of `time.monotonic`; None: the wait has no end."""
     if timeout is None:
         return None
     return time.monotonic() + duration_to_nanoseconds(timeout, "timeout") / 1e9

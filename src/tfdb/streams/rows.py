@@ -38,7 +38,7 @@ class Rows:
         return len(self.parents)
 
     def part(self, first: int, last: int) -> Rows:
-        """Return the rows from `first` up to `last`, which is left out."""
+        """Return the rows from `first` to `last`, excluding `last`."""
         return Rows(*(column[first:last] for column in self.columns()))
 
     def chosen(self, mask: npt.NDArray[np.bool_]) -> Rows:
@@ -89,7 +89,7 @@ def of_bytes(data: bytes) -> tuple[int, Rows]:
 
 
 class Stretch(NamedTuple):
-    """Samples of commits, and the frames that were cleared or removed before them."""
+    """Samples of commits, and the frames that were cleared or removed before these samples."""
 
     cleared: frozenset[str]
     rows: Rows
@@ -98,9 +98,9 @@ class Stretch(NamedTuple):
 
     @property
     def arrived(self) -> Rows:
-        """The samples without the history that the same commit stored instead: the newest remain.
+        """The samples that arrived. If the commit replaced a history, only the newest of each edge.
 
-        So a player's jump, or a copy that begins anew, makes no arrivals of what is past.
+        So the old samples that a player's jump or a restarted copy stores do not count as arrivals.
         """
         if not self.cleared:
             return self.rows
@@ -116,7 +116,7 @@ class Stretch(NamedTuple):
 
 
 def stretches_of_bytes(data: bytes) -> tuple[int, list[Stretch]]:
-    """Read bytes of `commits_bytes`: their last commit, and the samples between two clears."""
+    """Read bytes of `commits_bytes`: their last commit, and the samples, divided at each clear."""
     last, columns, resets = rows_of_commits(data)
     rows = Rows(*columns)
     found = []
@@ -129,7 +129,7 @@ def stretches_of_bytes(data: bytes) -> tuple[int, list[Stretch]]:
 
 
 def stretches_of_changes(records: Iterable[Changes]) -> list[Stretch]:
-    """Return what remains of the samples of these commits, each with the frames it cleared."""
+    """Return the readable samples of these commits, with the frames that each commit cleared."""
     return [
         Stretch(frozenset({*record.cleared, *record.removed}), of_changes([record]), record.commit)
         for record in records
@@ -137,7 +137,7 @@ def stretches_of_changes(records: Iterable[Changes]) -> list[Stretch]:
 
 
 def of_changes(records: Iterable[Changes]) -> Rows:
-    """Return what remains of the samples of these commits."""
+    """Return the readable samples of these commits."""
     parts = []
     for record in records:
         moving, static = record.stored, record.stored_static

@@ -41,10 +41,10 @@ _QUICK = 8  # consecutive reads without a wait for more commits
 class Stream(StreamRows, Cursor["Sample"]):
     """A cursor over the samples that commits store: each once, in the order of commits.
 
-    `Buffer.follow()` makes it. Iterate over it, over `batches()` or over `changes()`, or call the
-    `read_` methods. Within a commit the samples come edge by edge in stamp order, the moving ones
-    first. `Stream` is a context manager; `close()` ends all its reads, from any thread. One thread
-    reads at a time, and others wait for it. During continuous commits, iteration reads those of a
+    `Buffer.follow()` creates it. Iterate over it, over `batches()` or over `changes()`, or call the
+    `read_` methods. The samples of a commit are sorted by edge and stamp, the moving ones first.
+    `Stream` is a context manager; any thread may call `close()`, which ends all reads. One thread
+    reads at a time, and others wait for it. If commits are frequent, iteration reads those of a
     millisecond together.
     """
 
@@ -94,7 +94,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         return self._records[0].commit - 1 if self._records else self._position
 
     def read_next(self, n: int = 1, timeout: float | None = 0) -> Sample | None:
-        """Read the sample that is `n` after the one read last.
+        """Read the sample `n` places after the last one read.
 
         Parameters
         ----------
@@ -106,13 +106,13 @@ class Stream(StreamRows, Cursor["Sample"]):
         Returns
         -------
         Sample or None
-            None: it is not there yet. The stream stays where it is.
+            None: it does not exist yet. The stream does not move.
 
         Raises
         ------
         FeedLapped
             Commits left the feed before they were read. `missed` counts them, and the next read
-            goes on behind them. Not with `lapped="skip"`.
+            continues after them. Not with `lapped="skip"`.
         InvalidArgument, StreamClosed, BufferClosed, NoSuchStore, TransactionActive
         """
         n = check_count("n", n)
@@ -127,7 +127,7 @@ class Stream(StreamRows, Cursor["Sample"]):
             return self._move(n)
 
     def read_new(self, timeout: float | None = 0) -> Sample | None:
-        """Read the newest sample, if it is newer than the one read last; skip those between.
+        """Read the newest sample, if it is newer than the last one read. Skip those between.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         Returns
         -------
         Sample or None
-            None: nothing came since.
+            None: the store has no newer sample.
 
         Raises
         ------
@@ -152,9 +152,9 @@ class Stream(StreamRows, Cursor["Sample"]):
             return self._move(self._unread)
 
     def read_last(self, timeout: float | None = 0) -> Sample | None:
-        """Read the newest sample, whether it was read before or not; skip those between.
+        """Read the newest sample, even if it was read before. Skip those between.
 
-        While nothing came since the stream began, it is looked up as in `read_at`, and the stream
+        If no sample was stored since the stream began, the call reads as `read_at`, and the stream
         does not move.
 
         Parameters
@@ -165,7 +165,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         Returns
         -------
         Sample or None
-            None: the store has none.
+            None: the store has no sample.
 
         Raises
         ------
@@ -183,10 +183,10 @@ class Stream(StreamRows, Cursor["Sample"]):
                     return found
 
     def read_back(self, n: int = 1) -> Sample | None:
-        """Read the sample that is `n` before the one read last.
+        """Read the sample `n` places before the last one read.
 
-        It goes back as far as the feed reaches, but not into what was there before a stream
-        `since="held"`.
+        It can go back as far as the feed reaches, but not to samples from before the start of a
+        stream with `since="held"`.
 
         Parameters
         ----------
@@ -196,12 +196,12 @@ class Stream(StreamRows, Cursor["Sample"]):
         Returns
         -------
         Sample or None
-            None: the feed has no such sample any more. The stream stays where it is.
+            None: the feed no longer has the sample. The stream does not move.
 
         Raises
         ------
         InvalidArgument
-            Also with `min_separation`, for samples that were left out count.
+            Also with `min_separation`, because skipped samples would count.
         StreamClosed, BufferClosed, NoSuchStore, TransactionActive
         """
         n = check_count("n", n)
@@ -221,7 +221,7 @@ class Stream(StreamRows, Cursor["Sample"]):
             return self._move(1)
 
     def read_at(self, stamp: StampLike) -> Sample | None:
-        """Read the sample at a stamp or before it from the newest state; do not move the stream.
+        """Read the newest sample at or before a stamp. The stream does not move.
 
         Parameters
         ----------
@@ -231,8 +231,8 @@ class Stream(StreamRows, Cursor["Sample"]):
         Returns
         -------
         Sample or None
-            The newest one at or before the stamp among the stream's moving frames; its `commit` is
-            that of the state. None: there is none.
+            The newest one among the stream's moving frames, in the newest state; its `commit` is
+            that of the state. None: the store has no such sample.
 
         Raises
         ------
@@ -247,14 +247,14 @@ class Stream(StreamRows, Cursor["Sample"]):
         """Iterate over batches of samples, as columns.
 
         A batch waits for its first sample, and then for more. After FeedLapped the same iterator
-        goes on; it ends when the stream is closed.
+        continues. It ends when the stream is closed.
 
         Parameters
         ----------
         max_rows
-            Largest number of samples in a batch. A commit may be cut by it.
+            Largest number of samples in a batch. A commit may be divided into several batches.
         max_wait
-            Seconds for which a batch waits after its first sample.
+            Seconds that a batch waits after its first sample.
 
         Raises
         ------
@@ -267,9 +267,9 @@ class Stream(StreamRows, Cursor["Sample"]):
     def changes(self) -> Iterator[Changes]:
         """Iterate over whole commits, as `Buffer.changes` returns them.
 
-        After FeedLapped the same iterator goes on; it ends when the stream is closed. Of a commit
-        that was read in part, the rest is skipped. What a stream `since="held"` found comes as
-        one record, whose frames are all `made`. `min_separation` does not apply.
+        After FeedLapped the same iterator continues. It ends when the stream is closed. If a commit
+        was read in part, its rest is skipped. The first record of a stream with `since="held"` has
+        all samples of the state, and its frames are `made`. `min_separation` does not apply.
 
         Raises
         ------
@@ -291,7 +291,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         return Cursor.__next__(self)
 
     def _keep(self, rows: Rows, row: int) -> None:
-        """Read these rows from now on, that one first."""
+        """Replace the unread rows, and set the next one."""
         self._set_rows(*rows.columns())
         self._rows, self._next = rows, row
 
@@ -423,7 +423,7 @@ class Stream(StreamRows, Cursor["Sample"]):
             return None
 
     def _leave_rows(self) -> Changes | None:
-        """Forget unread rows, to read them as records. What was held has no record: it is made."""
+        """Drop unread rows, to read them as records; make a record of a held state."""
         rows = self._rows.part(self._next, len(self._rows))
         commit = int(rows.commits[0])
         is_cut = self._next > 0 and self._rows.commits[self._next - 1] == commit
