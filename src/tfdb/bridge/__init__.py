@@ -1,4 +1,4 @@
-"""A store and a live graph of ROS, both ways."""
+"""Copies transforms between a store and a live ROS graph, in both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Bridge`: a store and a graph of ROS, both ways."""
+"""`Bridge`: copies transforms between a store and a ROS graph, in both directions."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 __all__ = ["Bridge", "check_origin"]
 
 _WAITING = 1000
-"""Messages of a topic that may wait: bursts are longer where several graphs meet."""
+"""Largest number of waiting messages per topic; with several graphs, bursts are longer."""
 _ORIGIN = re.compile(r"[^/\s]+(?:://[^/\s]+)?")
-"""A name, or one with a URI as ROS 1's: another `/` would end it in an authority."""
+"""A name, or a name with a URI as in ROS 1. Another `/` would end the name in an authority."""
 
 
 def check_origin(origin: str) -> str:
@@ -49,35 +49,35 @@ class Bridge(Closable):
     ```
 
     Each message on /tf and /tf_static becomes one commit, as with a `TransformListener`. Its
-    authority is `origin`, a `/`, and the publisher. Commits with such an authority do not return to
-    the graph, also after a restart, and the node's own messages are not stored.
+    authority is `origin`, a `/`, and the publisher. Commits with such an authority are not sent
+    back to the graph, even after a restart. The node's own messages are not stored.
 
-    Each commit becomes one message on /tf. All static transforms of the store are one message on
-    /tf_static, sent again when they change. Late joiners get it.
+    Each other commit becomes one message on /tf. /tf_static carries one message with all static
+    transforms of the store. It is sent again when they change, and nodes that join later get it.
 
-    /tf cannot express a removed or cleared frame. A removed static transform is missing in the next
-    message on /tf_static; nodes that have it keep it.
+    /tf cannot express that a frame was removed or cleared. The next message on /tf_static omits a
+    removed static transform, but nodes that already have it keep it.
 
     Threads: any may call anything.
 
     Parameters
     ----------
     buffer
-        The store, also one that other processes share. It must be writable.
+        The store, private or shared. It must be writable.
     node
         A node of `tfdb.ros` that reports the sender of a message: ZenohNode, DdsNode or
         TcprosNode. It stays open.
     origin
         Name of the graph in authorities, without `/` and spaces. None: that of the node, such as
-        `ros2+zenoh:7`. Two graphs with the same domain need two names, if one store has bridges to
-        both.
+        `ros2+zenoh:7`. If one store has bridges to two graphs with the same domain, these need
+        different names.
 
     Raises
     ------
     NotSupported
-        The buffer's engine keeps no feed.
+        The buffer's engine has no feed.
     InvalidArgument
-        The store has a bridge to a graph with this name already, also in another process.
+        The store already has a bridge to a graph with this name, in this or another process.
     ReadOnly
         The store was opened for reading only.
     NodeClosed, InvalidName, TypeError
@@ -128,12 +128,12 @@ class Bridge(Closable):
 
     @property
     def listener(self) -> tf2.TransformListener:
-        """What fills the store. It counts damaged messages and refused transforms."""
+        """The listener that fills the store. It counts damaged messages and refused transforms."""
         return self._listener
 
     @property
     def stats(self) -> BridgeStats:
-        """What it has done."""
+        """Counts of the bridge."""
         sender = self._sender
         return BridgeStats(
             self._listener.received,
@@ -145,9 +145,10 @@ class Bridge(Closable):
         )
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it has ended; False: it has not after `timeout` seconds.
+        """Wait until the bridge has ended. False: it has not ended after `timeout` seconds.
 
-        Raises the error that ended it: NodeClosed, or of the store, such as NoSuchStore.
+        Raises the error that ended the bridge: NodeClosed, or one of the store, such as
+        NoSuchStore.
         """
         left = None if timeout is None else duration_to_nanoseconds(timeout, "timeout") / 1e9
         ended = self._ended.wait(left)
@@ -156,7 +157,7 @@ class Bridge(Closable):
         return ended
 
     def close(self) -> None:
-        """Send the commits that were made before, and stop. The node stays open."""
+        """Send all earlier commits, and stop. The node stays open."""
         self._listener.unregister()
         self._clock.close()
         self._sender.end()
@@ -178,7 +179,7 @@ class Bridge(Closable):
 
 
 class _Listener(tf2.TransformListener):
-    """Stores what other nodes send, with the graph's name before the publisher's."""
+    """Stores messages of other nodes, with the graph's name before the publisher's."""
 
     def __init__(self, buffer: tf2.Buffer, node: Node, origin: str) -> None:
         self._origin = origin

@@ -20,7 +20,7 @@ __all__ = ["Claim"]
 
 _lock = threading.Lock()
 _private: set[tuple[int, str]] = set()
-"""Buffers that no other process has, with the graphs to which they have a bridge."""
+"""Private buffers, with the graphs to which they have a bridge."""
 
 
 class Claim(Closable):
@@ -44,7 +44,7 @@ class Claim(Closable):
             raise InvalidArgument(f"{text} the name of another graph as origin", value=origin)
 
     def close(self) -> None:
-        """Let another bridge have the graph. Again: nothing happens."""
+        """Permit another bridge to the graph. A second call does nothing."""
         if self._file is not None:
             _set_lock(self._file, self._key[1], fcntl.F_UNLCK)  # in copies of forked children too
             self.leave()
@@ -54,14 +54,14 @@ class Claim(Closable):
                 _private.discard(self._key)
 
     def leave(self) -> None:
-        """Close the file, but not those of other processes that were forked with it."""
+        """Close the file in this process; forked processes keep theirs."""
         file, self._file = self._file, None
         if file is not None:
             os.close(file)
 
 
 def _opened(buffer: Buffer) -> int | None:
-    """The file of a shared store. None: no other process can join it."""
+    """Open the file of a shared store. None: the store is not shared."""
     if buffer.shared is None:
         return None
     try:

@@ -25,24 +25,24 @@ __all__ = ["BridgeStats", "CommitSender"]
 LOGGER = logging.getLogger("tfdb.bridge")
 KIND = "tf2_msgs/TFMessage"
 _AT_ONCE = 256
-"""Commits that are read at once."""
+"""Largest number of commits that are read at once."""
 _LOOK = 1.0
-"""Seconds between two looks at an idle store: a snapshot is held no longer."""
+"""Seconds between two checks of an idle store, after which the held snapshot is renewed."""
 
 
 class BridgeStats(NamedTuple):
-    """What a bridge has done."""
+    """Counts of a bridge."""
 
     received: int
-    """Messages that came from the graph, without the bridge's own."""
+    """Messages from the graph, without the bridge's own."""
     sent: int
     """Messages sent on /tf, one for each commit."""
     sent_static: int
     """Messages sent on /tf_static. Each has all static transforms."""
     refused: int
-    """Transforms with stamps that no message of ROS can have."""
+    """Transforms with stamps that ROS messages cannot express."""
     missed: int
-    """Commits that left the feed before they were read, those from the graph included."""
+    """Commits that left the feed before they were read, including those from the graph."""
     gone: int
     """Samples that left the store before they were read."""
 
@@ -81,7 +81,7 @@ class CommitSender:
             raise
 
     def run(self) -> None:
-        """Send until `end` is called, and then what was committed before."""
+        """Send until `end` is called, then send the commits made before."""
         is_last = False
         while not is_last:
             is_last = self._ending
@@ -96,16 +96,16 @@ class CommitSender:
         self._watch.close()
 
     def close(self) -> None:
-        """Release what it holds."""
+        """Release the held snapshot."""
         self._watch.close()
         self._held.close()
         for topic in self._topics:
             topic.close()
 
     def _send_to(self, taken: Snapshot) -> None:
-        """Send the commits up to that of a snapshot, and hold it instead of the one before.
+        """Send the commits up to that of a snapshot, and hold it instead of the previous one.
 
-        Hold a later one if they left the feed meanwhile.
+        If they have left the feed meanwhile, hold a later snapshot.
         """
         last = taken.commit  # a writer that is faster does not put off the end
         while self._position < last:
@@ -127,7 +127,7 @@ class CommitSender:
         self._held = taken
 
     def _skip(self, error: FeedLapped) -> None:
-        """Go on behind the commits that the feed has no more; all static transforms are sent."""
+        """Continue after the commits that left the feed; send all static transforms."""
         next_one = self._position if error.commit is None else error.commit
         lost = next_one - self._position
         if not self.missed:
@@ -156,9 +156,9 @@ class CommitSender:
         )
 
     def _own(self, authorities: Sequence[str]) -> list[int]:
-        """Indices of the authorities that are not from the graph.
+        """Return the indices of the authorities that are not from the graph.
 
-        Another listener of the store may store messages of this sender.
+        This also skips messages of this sender that another listener has stored.
         """
         return [
             i
@@ -188,7 +188,7 @@ class CommitSender:
         self._is_due = self._is_forced = False
 
     def _encoded(self, edges: Columns) -> bytes | None:
-        """A message, without the transforms that none can have; None: it has no others."""
+        """Encode a message without transforms that ROS cannot express; None: no others remain."""
         try:
             return encode_tf_message(edges, self._encoding)
         except TfdbError:

@@ -69,8 +69,7 @@ class BufferExpectations:
         self._watcher.on_event = function
 
     def drain(self, timeout: float | None = None) -> bool:
-        """Wait until all commits and the time until now are checked, and their events are
-        delivered.
+        """Wait until all commits so far are checked and their events delivered.
 
         Parameters
         ----------

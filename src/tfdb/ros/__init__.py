@@ -1,9 +1,9 @@
 """Live ROS: nodes that carry bytes between a graph and a store.
 
-A message stays the bytes that it came as: `Buffer.ingest` decodes them natively. `TcprosNode` is a
-node of ROS 1 without any package of ROS, `RospyNode` one within rospy, `RclpyNode` one of ROS 2.
-`ZenohNode` is a node of ROS 2 in a graph of rmw_zenoh, `DdsNode` one in a graph over DDS, both
-without any package of ROS.
+Messages stay serialized until `Buffer.ingest` decodes them natively. `TcprosNode` is a ROS 1 node
+without ROS packages, `RospyNode` the node of a rospy process, `RclpyNode` a node of rclpy.
+`ZenohNode` is a ROS 2 node in a graph of rmw_zenoh, `DdsNode` one in a graph over DDS, both without
+ROS packages.
 """
 
 from __future__ import annotations

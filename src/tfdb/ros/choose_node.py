@@ -1,4 +1,4 @@
-"""Chooses the node of a program: a given one, rospy's, or one of our own."""
+"""Chooses the node of a program: a given one, rospy's, or a new one."""
 
 # ruff: noqa: PLC0415  (a ROS is imported only by those who use it)
 
@@ -20,18 +20,18 @@ os.register_at_fork(after_in_child=_own.clear)
 
 
 def node_for(given: Any = None, *, own_thread: bool = False) -> Node:
-    """Return the node that `given` stands for.
+    """Return the node for an argument.
 
     Parameters
     ----------
     given
-        One of `tfdb.ros`: itself. A node of rclpy: a `RclpyNode` in it. None: a `RospyNode` where
-        the process has called `rospy.init_node`. Else the node that the process makes once: a
+        A node of `tfdb.ros`: itself. A node of rclpy: a `RclpyNode` on it. None: a `RospyNode` if
+        the process has called `rospy.init_node`. Otherwise a node that the process creates once: a
         `RclpyNode` after `rclpy.init`, or a `TcprosNode`.
     own_thread
-        Whether messages of an rclpy node come in a thread of their own, else in its executor.
+        Whether messages of an rclpy node arrive in a separate thread instead of its executor.
 
-    Raises TypeError for what is not a node.
+    Raises TypeError for an object that is not a node.
     """
     if given is None:
         return _of_the_process()

@@ -22,7 +22,7 @@ def encode_clock(stamp: int, *, cdr: bool) -> bytes:
 
 
 def decode_clock(data: bytes | memoryview, *, cdr: bool) -> int:
-    """Return nanoseconds. Raises CorruptMessage for another length; CDR may have padding behind."""
+    """Return nanoseconds. Raises CorruptMessage for a wrong length; CDR may end with padding."""
     form, header = (_ROS2, len(_HEADER)) if cdr else (_ROS1, 0)
     size = header + form.size
     if len(data) < size or (len(data) > size and not cdr):

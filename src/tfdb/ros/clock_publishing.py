@@ -25,7 +25,7 @@ _SECONDS = 1 << 31  # of ROS 2
 class ClockPublisher(Closable):
     """Publishes a store's clock on /clock while a player sets it. Use it in a `with` block.
 
-    A clock before 1970 or after 2038 is not published: ROS 2 has no such times.
+    Times before 1970 or after 2038 are not published, because ROS 2 cannot express them.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class ClockPublisher(Closable):
     clock
         The store's clock.
     rate
-        Messages a second.
+        Messages per second.
     """
 
     def __init__(self, node: Node, clock: Clock, rate: float) -> None:
@@ -46,7 +46,7 @@ class ClockPublisher(Closable):
         self._thread.start()
 
     def close(self) -> None:
-        """End it. A second call does nothing."""
+        """Stop publishing. A second call does nothing."""
         self._ended.set()
         self._thread.join()
         self._publisher.close()

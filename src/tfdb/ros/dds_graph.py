@@ -1,4 +1,4 @@
-"""DDS below a node of ROS 2: the one file that imports cyclonedds."""
+"""DDS for a ROS 2 node; the only file that imports cyclonedds."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ __all__ = ["DdsGraph"]
 
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 _AT_ONCE = 64
-"""Messages that one call takes."""
+"""Largest number of messages that one call reads."""
 _HASH = re.compile(rb"typehash=([^;]*);")
 _MOST_SENDERS = 10_000
 _LEAST = 16
-"""Bytes of the smallest message: cyclonedds takes a smaller one for a disposal."""
+"""Bytes of the smallest message: cyclonedds interprets a smaller one as a disposal."""
 _EMPTY = 8
 """Bytes of a TFMessage without transforms."""
 _COMMON = """<CycloneDDS><Domain id="any">
@@ -60,9 +60,9 @@ _LOOPBACK = """<CycloneDDS><Domain id="any"><General><AllowMulticast>false</Allo
 <Discovery><Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
 
 _BLOCKS = duration(milliseconds=100)
-"""How long a publisher waits for slow subscribers."""
+"""Longest wait of a publisher for slow subscribers."""
 _ENCLAVE = Qos(Policy.Userdata(b"enclave=/;"))
-"""Nodes of ROS take a participant without it for a program without ROS."""
+"""Without this, ROS nodes treat the participant as a program without ROS."""
 
 _lock = threading.Lock()
 _domains: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
@@ -77,7 +77,7 @@ def _configuration() -> str:
 
 
 def _domain_of(number: int) -> Any:
-    """Configure a domain of this process, once. None: the program has done so. Holds it open."""
+    """Configure and open a domain of this process, once. None: the program has configured it."""
     with _lock:
         domain = _domains.get(number)
         if domain is None:
@@ -160,7 +160,7 @@ class DdsGraph:
             self._participant = self._domain = self._discovery = None
 
     def _announced(self, endpoints: set[bytes], gid: bytes) -> Callable[[], None]:
-        """Tell other nodes of an endpoint. Returns what tells them of its end."""
+        """Announce an endpoint to other nodes. Returns the function that announces its end."""
 
         def end() -> None:
             with self._lock:
@@ -173,7 +173,7 @@ class DdsGraph:
         return end
 
     def _announce(self) -> None:
-        """Tell other nodes the name and the endpoints of this one. The lock is held."""
+        """Announce the name and the endpoints of this node to others. The lock is held."""
         if self._discovery is None:  # it was closed
             return
         names, gid = self._names, self._participant.get_guid().bytes
@@ -181,14 +181,14 @@ class DdsGraph:
         _write(self._discovery, data, DISCOVERY)
 
     def name_of(self, gid: bytes) -> str:
-        """Name of an own publisher's node; the gid of another one."""
+        """Name of the node for a publisher of this process, otherwise the publisher's gid."""
         return self._names.node if gid in self.gids else gid.hex()
 
     def _topic(self, name: str, kind: str) -> Any:
         """The DDS topic.
 
-        cyclonedds passes serialized messages on whole, but compares them with their type: so each
-        has one that asks for one byte.
+        cyclonedds passes on serialized messages unchanged, but checks them against their type. So
+        each topic has a type with one byte.
         """
         key = (name, kind)
         with self._lock:
@@ -259,7 +259,7 @@ class _Hearing:
             self._take(data[:_EMPTY] if is_empty else data, name)
 
     def _sender(self, reader: Any, handle: int) -> tuple[str, str]:
-        """Name of a publisher, and why its messages are refused."""
+        """Name of a publisher, and the reason why its messages are refused, if any."""
         endpoint = reader.get_matched_publication_data(handle)
         if endpoint is None:  # it has left
             return f"{handle & (1 << 64) - 1:016x}", ""
@@ -282,7 +282,7 @@ class _Offering:
         self._writer, self._topic, self._on_end = writer, topic, on_end
 
     def send(self, data: bytes) -> None:
-        """Send a message. Slow subscribers lose it after 100 ms, and the log says so."""
+        """Send a message. Slow subscribers lose it after 100 ms; the log reports this."""
         _write(self._writer, data, self._topic)
 
     def close(self) -> None:

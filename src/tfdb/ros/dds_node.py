@@ -1,4 +1,4 @@
-"""A node of ROS 2 in a graph over DDS, without a package of ROS."""
+"""A ROS 2 node in a graph over DDS, without ROS packages."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["DdsNode"]
 
 
 class DdsNode(WireNode):
-    """A node in a graph over DDS: topics and a clock, over PyPI's cyclonedds.
+    """A node in a graph over DDS, with topics and a clock. It uses the package cyclonedds.
 
     It sends and receives `tf2_msgs/TFMessage`, `rosgraph_msgs/Clock` and
-    `diagnostic_msgs/DiagnosticArray`. Messages of publishers whose type hash differs are counted,
-    logged once and refused. Callbacks get the publisher's gid in hexadecimal digits; for messages
+    `diagnostic_msgs/DiagnosticArray`. Messages of publishers with another type hash are refused,
+    counted and logged once. Callbacks get the publisher's gid in hexadecimal digits; for messages
     of this node, its name.
 
     Threads: any may call anything. Each subscription has a thread, which calls its callback.
@@ -29,11 +29,11 @@ class DdsNode(WireNode):
     Parameters
     ----------
     name
-        Without namespace; None: one that no other node has.
+        Name without namespace; None: a unique one.
     domain
         ROS domain; None: ROS_DOMAIN_ID, or 0.
     arguments
-        Those of the program, for remappings behind `--ros-args`; None: `sys.argv`.
+        Arguments of the program, for remappings after `--ros-args`; None: `sys.argv`.
 
     Raises NotSupported without cyclonedds, ConnectionError if DDS does not start, InvalidName,
     InvalidArgument, also for an invalid CYCLONEDDS_URI.

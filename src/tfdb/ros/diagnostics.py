@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 LEVELS = ("ok", "warning", "error", "stale")
-"""The levels by their numbers."""
+"""The levels in the order of their numbers."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""Names of nodes over DDS as messages, `rmw_dds_common/msg/ParticipantEntitiesInfo`.
+"""Messages with the names of nodes over DDS: `rmw_dds_common/msg/ParticipantEntitiesInfo`.
 
-This is the layout of Jazzy, whose gids have 16 bytes.
+The layout is that of Jazzy, whose gids have 16 bytes.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ def encode_participant(
     readers: Collection[bytes],
     writers: Collection[bytes],
 ) -> bytes:
-    """CDR of a participant that is one node with these endpoints."""
+    """Return the CDR of a participant with one node and these endpoints."""
     head = gid + struct.pack("<I", 1) + _text(namespace) + _text(name)
     gids = (struct.pack("<I", len(each)) + b"".join(each) for each in (readers, writers))
     return b"\0\1\0\0" + head + b"".join(gids)
 
 
 def _text(text: str) -> bytes:
-    """A string, and zeros up to the next number."""
+    """Return a string, padded with zeros for the next number."""
     data = text.encode() + b"\0"
     return struct.pack("<I", len(data)) + data.ljust(len(data) + 3 & ~3, b"\0")

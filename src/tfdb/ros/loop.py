@@ -23,7 +23,7 @@ Ready: TypeAlias = "Callable[[int], None]"  # called with selectors.EVENT_READ a
 
 
 def warn_of_message(topic: str, publisher: str, error: Exception) -> None:
-    """Log that a callback failed at a message; the caller does so once for each publisher."""
+    """Log a failed callback; callers call this once for each publisher."""
     LOG.warning(
         "a message of %s on %s: %s; said once for each publisher",
         publisher,
@@ -34,10 +34,10 @@ def warn_of_message(topic: str, publisher: str, error: Exception) -> None:
 
 
 class Loop:
-    """Calls what is ready: sockets, what other threads ask for, what is due.
+    """Calls functions for ready sockets, for requests of other threads, and for due times.
 
-    Threads: `soon` and `close` may be called by any, the rest by the loop's own, and by the thread
-    that makes it before `start`.
+    Threads: any may call `soon` and `close`. Only the loop's thread may call the others; before
+    `start`, the creating thread may.
     """
 
     def __init__(self, name: str) -> None:
@@ -58,7 +58,7 @@ class Loop:
         self._thread.start()
 
     def soon(self, action: Callable[[], None]) -> None:
-        """Call it from the loop's thread."""
+        """Call a function in the loop's thread."""
         self._asked.append(action)
         try:
             self._wake.send(b"\0")
@@ -67,30 +67,30 @@ class Loop:
             return
 
     def later(self, seconds: float, action: Callable[[], None]) -> None:
-        """Call it after so long."""
+        """Call a function after a delay."""
         self._count += 1
         heapq.heappush(self._due, (time.monotonic() + seconds, self._count, action))
 
     def watch(self, connection: socket.socket, events: int, ready: Ready) -> None:
-        """Call `ready(events)` on one of `events`; a second call changes the events."""
+        """Call `ready(events)` at one of `events`; a second call changes the events."""
         if connection.fileno() in self._selector.get_map():
             self._selector.modify(connection, events, ready)
         else:
             self._selector.register(connection, events, ready)
 
     def leave(self, connection: socket.socket) -> None:
-        """Do not watch it any more."""
+        """Stop watching a socket."""
         self._selector.unregister(connection)
 
     def forget(self, connection: socket.socket) -> None:
-        """Do not watch it any more, and close it."""
+        """Stop watching a socket, and close it."""
         if connection.fileno() >= 0:
             if connection.fileno() in self._selector.get_map():
                 self._selector.unregister(connection)
             connection.close()
 
     def close(self) -> None:
-        """End, and close all that is watched."""
+        """End the loop, and close all watched sockets."""
         self.soon(self._end)
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
             self._thread.join()

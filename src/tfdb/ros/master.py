@@ -1,4 +1,4 @@
-"""What a node of ROS 1 asks others over XML-RPC: the master, and the publishers of a topic.
+"""XML-RPC calls of a ROS 1 node: to the master, and to the publishers of a topic.
 
 The interfaces are those of https://wiki.ros.org/ROS/Master_API and Slave_API.
 """
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["CALL_ERRORS", "TIMEOUT", "Master", "call"]
 
 TIMEOUT = 10.0
-"""Seconds that a peer may take for each step of an answer."""
+"""Timeout in seconds for each step of an answer."""
 ANSWER_LIMIT = 16 << 20
 SUCCESS = 1
 CALL_ERRORS = (OSError, http.client.HTTPException, xmlrpc.client.Error, expat.ExpatError)
@@ -28,7 +28,7 @@ CALL_ERRORS = (OSError, http.client.HTTPException, xmlrpc.client.Error, expat.Ex
 
 
 class _Transport(xmlrpc.client.Transport):
-    """HTTP that gives up on a silent peer, or on too long an answer."""
+    """HTTP with a timeout for a silent peer, and a limit for long answers."""
 
     accept_gzip_encoding = False
 
@@ -60,16 +60,16 @@ def call(uri: str, method: str, *arguments: Any) -> tuple[int, str, Any]:
 
 
 class Master:
-    """The master of a graph, asked by one node.
+    """The master of a graph, for the calls of one node.
 
-    Threads: any; each call has a connection of its own.
+    Threads: any; each call opens its own connection.
 
-    Every call raises NoMaster where no master answers, and MasterRefused where it refuses.
+    Every call raises NoMaster if no master answers, and MasterRefused if it refuses.
     """
 
     def __init__(self, uri: str, node: str) -> None:
         self.uri = uri
-        """Where it is."""
+        """URI of the master."""
         self._node = node
 
     def _ask(self, method: str, *arguments: Any) -> tuple[int, str, Any]:

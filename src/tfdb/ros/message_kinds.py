@@ -1,4 +1,4 @@
-"""Types of ROS 1 that tfdb sends itself: their definitions, and the checksums that peers compare.
+"""Types that tfdb sends in ROS 1: their definitions, and the checksums that peers compare.
 
 A checksum is the MD5 of a definition without comments, constants first, in which each type of a
 message is replaced by its checksum (https://wiki.ros.org/ROS/Technical%20Overview).
@@ -78,7 +78,7 @@ FIELD = re.compile(r"(?P<type>[\w/]+)(?P<array>\[\d*\])? (?P<rest>.+)")
 
 @dataclass(frozen=True)
 class Kind:
-    """A type as peers name it to each other."""
+    """A message type, as nodes describe it to each other."""
 
     name: str
     """Such as `tf2_msgs/TFMessage`."""
@@ -89,7 +89,7 @@ class Kind:
 
 
 def known_kind(name: str) -> Kind:
-    """Type of a message that is to be sent. Raises InvalidArgument for one without definition."""
+    """Return a type for sending. Raises InvalidArgument if its definition is unknown."""
     if name not in MESSAGES:
         raise InvalidArgument(
             f"the message type {name!r} is unknown, so it cannot be sent; known types are"
@@ -101,7 +101,7 @@ def known_kind(name: str) -> Kind:
 
 @cache
 def kind_of(name: str) -> Kind:
-    """Type of a message that is to be received: one without definition matches any checksum."""
+    """Return a type for receiving. If its definition is unknown, it matches any checksum."""
     if name not in MESSAGES:
         return Kind(name, "*")
     used = _types_in(name)
@@ -111,7 +111,7 @@ def kind_of(name: str) -> Kind:
 
 @cache
 def service_kind(name: str) -> Kind:
-    """Type of a service. Raises InvalidArgument for one without definition."""
+    """Return the type of a service. Raises InvalidArgument if its definition is unknown."""
     if name not in SERVICES:
         raise InvalidArgument(
             f"the service type {name!r} is unknown; known types are {', '.join(sorted(SERVICES))}",

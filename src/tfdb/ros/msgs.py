@@ -1,6 +1,6 @@
-"""Messages for programs without ROS: the fields of geometry_msgs and its kin, ROS 2's defaults.
+"""Messages for programs without ROS, with the fields of geometry_msgs and ROS 2's defaults.
 
-Any function of `tfdb.tf2` takes these and the real ones alike. `_type` is a message's name.
+All functions of `tfdb.tf2` accept these and real messages. `_type` is the name of a message.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ class _Span:
 
     @classmethod
     def from_nanoseconds(cls, nanoseconds: int) -> Self:
-        """Make it of nanoseconds alone."""
+        """Make it from nanoseconds."""
         return cls(*divmod(nanoseconds, SECOND))
 
     @property
     def nanoseconds(self) -> int:
-        """All of it in nanoseconds."""
+        """The whole time in nanoseconds."""
         return self.sec * SECOND + self.nanosec
 
     @property
@@ -85,7 +85,7 @@ class _Span:
         return self.nanoseconds
 
     def to_sec(self) -> float:
-        """All of it in seconds: a float does not hold every nanosecond."""
+        """The whole time in seconds, as a float without exact nanoseconds."""
         return self.nanoseconds / 1e9
 
 
@@ -290,7 +290,7 @@ class Polygon:
     _type: ClassVar[str] = "geometry_msgs/Polygon"
 
     points: list[Point32] = field(default_factory=list)
-    """The corners; the last is joined to the first."""
+    """The corners; the last one is connected to the first."""
 
 
 @dataclass(slots=True)
@@ -376,12 +376,12 @@ class PointCloud:
     points: list[Point32] = field(default_factory=list)
     """In the header's frame."""
     channels: list[ChannelFloat32] = field(default_factory=list)
-    """More about each point."""
+    """More values for each point."""
 
 
 @dataclass(slots=True)
 class PointField:
-    """A `sensor_msgs/PointField`: where a number of each point lies."""
+    """A `sensor_msgs/PointField`: the place of a number in each point."""
 
     _type: ClassVar[str] = "sensor_msgs/PointField"
     INT8: ClassVar[int] = 1
@@ -400,7 +400,7 @@ class PointField:
     datatype: int = 0
     """`INT8` to `FLOAT64`."""
     count: int = 0
-    """How many numbers."""
+    """Number of values."""
 
 
 @dataclass(slots=True)
@@ -412,13 +412,13 @@ class PointCloud2:
     header: Header = field(default_factory=Header)
     """Frame and stamp."""
     height: int = 0
-    """Rows; 1: the points have no order."""
+    """Number of rows; 1: the cloud is unordered."""
     width: int = 0
     """Points in a row."""
     fields: list[PointField] = field(default_factory=list)
     """Fields of each point."""
     is_bigendian: bool = False
-    """Whether the numbers are."""
+    """Whether the numbers are big-endian."""
     point_step: int = 0
     """Bytes of a point."""
     row_step: int = 0
@@ -436,7 +436,7 @@ class TFMessage:
     _type: ClassVar[str] = "tf2_msgs/TFMessage"
 
     transforms: list[TransformStamped] = field(default_factory=list)
-    """Any number, of any stamps."""
+    """Any number of transforms, with any stamps."""
 
 
 belong_to(__name__, globals(), __all__)

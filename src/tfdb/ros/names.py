@@ -1,4 +1,4 @@
-"""Names of the ROS 1 graph: what is one, how it is resolved, where a program's own come from.
+"""Names in a ROS 1 graph: validation, resolution, and a program's own name.
 
 The rules are those of https://wiki.ros.org/Names and https://wiki.ros.org/Remapping%20Arguments.
 """
@@ -28,9 +28,9 @@ DEFAULT_MASTER = "http://localhost:11311"
 
 
 def parse_arguments(arguments: Sequence[str]) -> dict[str, str]:
-    """Remappings among a program's arguments (`from:=to`), special ones (`__name:=x`) with them.
+    """Return the remappings in a program's arguments: `from:=to`, and special ones (`__name:=x`).
 
-    `_parameter:=value` is not a remapping: those of roslaunch are on the parameter server already.
+    `_parameter:=value` is not a remapping; roslaunch puts these on the parameter server.
     """
     found = {}
     for argument in arguments:
@@ -45,24 +45,24 @@ def parse_arguments(arguments: Sequence[str]) -> dict[str, str]:
 
 
 def anonymous(name: str) -> str:
-    """Make a name that no other node has."""
+    """Make a unique name."""
     return f"{name}_{os.getpid()}_{time.time_ns() // 1_000_000}"
 
 
 class Names:
-    """How a node resolves the names that its program uses.
+    """Resolves the names that a node's program uses.
 
-    Threads: any; it does not change.
+    Threads: any; it is immutable.
 
     Parameters
     ----------
     name
-        The node's, without a namespace.
+        Name of the node, without namespace.
     arguments
-        The program's, of which `from:=to`, `__name:=`, `__ns:=`, `__master:=`, `__ip:=` and
-        `__hostname:=` count.
+        Arguments of the program. `from:=to`, `__name:=`, `__ns:=`, `__master:=`, `__ip:=` and
+        `__hostname:=` are used.
     environment
-        ROS_NAMESPACE, ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME count.
+        Environment variables. ROS_NAMESPACE, ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME are used.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Names:
             )
         namespace = special.get("__ns", environment.get("ROS_NAMESPACE", "/")) or "/"
         self.namespace: str = canonical(f"/{namespace}")
-        """Where relative names are resolved."""
+        """Namespace for relative names."""
         self.node: str = canonical(f"{self.namespace}/{name}")
         """The node's full name."""
         self.master: str = special.get(
@@ -90,7 +90,7 @@ class Names:
             special.get("__hostname", environment.get("ROS_HOSTNAME", "")),
             special.get("__ip", environment.get("ROS_IP", "")),
         )
-        """Where others find this node."""
+        """Host name of this node for others."""
         self._remapped: dict[str, str] = {}
         self._remapped = {self.resolve(key): self.resolve(to) for key, to in given.items()}
 
@@ -113,12 +113,12 @@ class Names:
 
 
 def canonical(name: str) -> str:
-    """Make a global name without doubled slashes or one at its end."""
+    """Make a global name without doubled or trailing slashes."""
     return "/" + "/".join(part for part in name.split("/") if part)
 
 
 def own_host(hostname: str, address: str) -> str:
-    """How others call this machine: ROS_HOSTNAME, else ROS_IP, else its name if that resolves."""
+    """Host name of this machine for others: ROS_HOSTNAME, ROS_IP, or its name if that resolves."""
     given = hostname or address
     if given:
         if "://" in given or (":" in given and hostname):
@@ -137,7 +137,7 @@ def own_host(hostname: str, address: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches that host."""
+    """Whether only this machine can reach a host."""
     return host == "localhost" or host.startswith("127.")
 
 

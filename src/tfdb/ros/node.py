@@ -1,4 +1,4 @@
-"""Interface of nodes of either ROS for listeners, broadcasters and servers."""
+"""The interface of ROS 1 and ROS 2 nodes for listeners, broadcasters and servers."""
 
 from __future__ import annotations
 
@@ -10,54 +10,54 @@ if TYPE_CHECKING:
 __all__ = ["Encoding", "Flavor", "Node", "Publisher", "Service", "Subscription"]
 
 Flavor: TypeAlias = Literal["ros1", "ros2"]
-"""A side of ROS, for its rules, texts and messages."""
+"""ROS 1 or ROS 2, for its rules, texts and messages."""
 Encoding: TypeAlias = Literal["ros1", "cdr"]
 """Encoding of messages, as in `Buffer.ingest`."""
 
 
 class Subscription(Protocol):
-    """A topic that is listened to."""
+    """A subscribed topic."""
 
     native: Any
-    """The same in the node's ROS library, such as rospy's Subscriber; None without a library."""
+    """The object of the node's ROS library, such as rospy's Subscriber; None without a library."""
 
     def close(self) -> None:
-        """Stop listening. A callback that runs in another thread may still end.
+        """Stop listening. A callback that is running in another thread may still end.
 
-        Again: nothing happens.
+        A second call does nothing.
         """
 
 
 class Publisher(Protocol):
-    """A topic that is published to."""
+    """A published topic."""
 
     native: Any
-    """The same in the node's ROS library, such as rospy's Publisher; None without a library."""
+    """The object of the node's ROS library, such as rospy's Publisher; None without a library."""
 
     def publish(self, data: bytes) -> None:
         """Send one serialized message, in the node's encoding."""
 
     def close(self) -> None:
-        """Take the topic back."""
+        """Unregister the topic."""
 
 
 class Service(Protocol):
-    """A service that is offered."""
+    """An offered service."""
 
     native: Any
-    """The same in the node's ROS library, such as rospy's Service; None without a library."""
+    """The object of the node's ROS library, such as rospy's Service; None without a library."""
 
     def close(self) -> None:
-        """Take it back."""
+        """Unregister the service."""
 
 
 class Node(Protocol):
     """A node of ROS 1 or ROS 2: bytes in, bytes out, and a clock. Any thread may call it."""
 
     flavor: Flavor
-    """Side of ROS."""
+    """ROS 1 or ROS 2."""
     encoding: Encoding
-    """Of the messages it carries."""
+    """Encoding of its messages."""
     name: str
     """Its full name in the graph."""
 
@@ -76,18 +76,18 @@ class Node(Protocol):
         Parameters
         ----------
         topic
-            Its name, resolved as the node's own rules say.
+            Its name, resolved by the rules of the node.
         kind
             Type, such as `tf2_msgs/TFMessage`.
         on_message
-            Gets the serialized message, which is valid until it returns, and the name of the
-            publisher's node ("" where that is not known). What it raises is logged.
+            Called with the serialized message, which is valid until the return, and the name of the
+            publishing node ("" if unknown). Its exceptions are logged.
         latched
-            Whether late joiners get what was sent before (ROS 2: transient local).
+            Whether nodes that join later get earlier messages (ROS 2: transient local).
         depth
-            How many messages may wait.
+            Largest number of waiting messages.
         qos
-            In a node of rclpy: a QoS profile, instead of `latched` and `depth`. Elsewhere None.
+            In an rclpy node: a QoS profile, in place of `latched` and `depth`. Otherwise None.
         """
 
     def advertise(
@@ -105,7 +105,7 @@ class Node(Protocol):
         """Offer a service: `answer` makes the serialized response of a serialized request."""
 
     def now(self) -> int:
-        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""
+        """Nanoseconds by the node's clock: the system's, or /clock with `use_sim_time`."""
 
     @property
     def simulated(self) -> bool:
@@ -113,10 +113,10 @@ class Node(Protocol):
 
     @property
     def closed(self) -> bool:
-        """Whether the node has ended: closed, or shut down with its ROS."""
+        """Whether the node has ended: closed, or shut down with rospy or rclpy."""
 
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
         """Call `called(now)` whenever simulated time is set, and once when the node ends."""
 
     def close(self) -> None:
-        """Close the node's entities; a user's rospy or rclpy node stays."""
+        """Close the entities of this node. A rospy or rclpy node of the user stays open."""

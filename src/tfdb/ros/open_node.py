@@ -1,4 +1,4 @@
-"""A node of either ROS for programs that consist of it."""
+"""Opens a node of ROS 1 or ROS 2 for a command."""
 
 # ruff: noqa: PLC0415  (a ROS is imported only by those who use it)
 
@@ -34,27 +34,26 @@ def open_node(
     arguments: Sequence[str] = (),
     without_ros: Wire | None = None,
 ) -> Iterator[Node]:
-    """Give a node of ROS 1 or ROS 2 that ends with the context.
+    """Open a node of ROS 1 or ROS 2 that ends with the context.
 
     Parameters
     ----------
     side
-        `ros1`: a `TcprosNode`, which needs no package of ROS. `ros2`: a `RclpyNode` that takes
-        messages in a thread of its own, and whose rclpy node is spun by another. Where this Python
-        finds no rclpy and RMW_IMPLEMENTATION is rmw_zenoh_cpp: a `ZenohNode`.
+        `ros1`: a `TcprosNode`, which needs no ROS package. `ros2`: a `RclpyNode`, which receives
+        messages in one thread and spins its rclpy node in another. If rclpy is not installed and
+        RMW_IMPLEMENTATION is rmw_zenoh_cpp: a `ZenohNode`.
     name
-        The node's, without namespace; `arguments` may say another.
+        Name of the node, without namespace; `arguments` may replace it.
     where
-        URI of the master of ROS 1, or domain of ROS 2; empty: what the environment says.
+        URI of the ROS 1 master, or ROS 2 domain; empty: that of the environment.
     arguments
-        Those that ROS understands: `from:=to` and `__name:=x` of ROS 1, and all from `--ros-args`
-        on of ROS 2.
+        ROS arguments: `from:=to` and `__name:=x` in ROS 1, all after `--ros-args` in ROS 2.
     without_ros
-        For `ros2`: `zenoh` takes a `ZenohNode`, `dds` a `DdsNode`.
+        For `ros2`: `zenoh` opens a `ZenohNode`, `dds` a `DdsNode`.
 
     Raises NoMaster; ConnectionError without a Zenoh router; NotSupported without rclpy or tf2_msgs,
-    or the package that `without_ros` needs; InvalidName; InvalidArgument for a domain or arguments
-    that are none.
+    or the package that `without_ros` needs; InvalidName; InvalidArgument for an invalid domain or
+    argument.
     """
     if side == "ros1":
         from .tcpros_node import TcprosNode

@@ -1,4 +1,4 @@
-"""A ROS 2 node on the user's rclpy node: serialized messages in and out.
+"""A ROS 2 node on the user's rclpy node, with serialized messages.
 
 `rclpy_receiving.py` receives messages, in a separate thread or in the node's executor.
 """
@@ -46,23 +46,22 @@ _ASK_EVERY: Final = 1.0
 
 
 class RclpyNode:
-    """An rclpy node as the rest of tfdb sees a node.
+    """Adapts an rclpy node to the interface `Node`.
 
-    The rclpy node stays the user's: `close` takes back what was opened here and leaves it alive.
-    When the rclpy node is destroyed or its context shut down, messages end and `closed` is true.
-    What is opened after any of these raises NodeClosed.
+    The rclpy node belongs to the user: `close` closes the entities that were opened here, but not
+    the rclpy node. When the rclpy node is destroyed or its context shut down, messages end and
+    `closed` is true. After any of these, opening an entity raises NodeClosed.
 
-    Threads: any thread may call anything. With `own_thread` all messages come in one thread that
-    this object has; without it in the threads of the node's executor, those of one topic one after
-    the other. Services and the clock need the node's executor to spin in either case.
+    Threads: any thread may call anything. With `own_thread` all messages arrive in one thread of
+    this object. Without it they arrive in the threads of the node's executor, those of one topic
+    one at a time. In both cases services and the clock need an executor that spins the node.
 
     Parameters
     ----------
     node
         A node of rclpy.
     own_thread
-        Whether messages are taken in a thread of this object's own, and none by the node's
-        executor.
+        Whether messages are received in a thread of this object instead of the node's executor.
     """
 
     flavor: Flavor = "ros2"
@@ -98,22 +97,22 @@ class RclpyNode:
         Parameters
         ----------
         topic
-            Its name, resolved and remapped as the node does.
+            Its name, which the node resolves and remaps.
         kind
             Type, such as `tf2_msgs/TFMessage`.
         on_message
-            Gets the serialized message, and the name of the publisher's node while only one
-            publishes the topic: rclpy does not tell which of several sent a message, which gives
-            "". What it raises is logged, once for each publisher.
+            Called with the serialized message, and the name of the publishing node if the topic has
+            only one. Otherwise the name is "", because rclpy does not report which node sent a
+            message. Exceptions are logged once for each publisher.
         latched
-            Whether late joiners get what was sent before (transient local).
+            Whether nodes that join later get earlier messages (transient local).
         depth
-            How many messages may wait.
+            Largest number of waiting messages.
         qos
-            Stands for `latched` and `depth`.
+            A QoS profile in place of `latched` and `depth`.
 
-        Raises NodeClosed, InvalidArgument for a type that is not installed, and what rclpy raises
-        for a name that is none.
+        Raises NodeClosed, InvalidArgument for a type that is not installed, and rclpy's error for
+        an invalid name.
         """
         message = _type_of(kind, "msg")
         self._raise_if_closed()
@@ -161,8 +160,8 @@ class RclpyNode:
     def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
         """Offer a service: `answer` makes the serialized response of a serialized request.
 
-        The node's executor calls it. What it raises is logged, and the caller gets an empty
-        response, since a service of ROS 2 cannot fail. Raises as `subscribe` does.
+        The node's executor calls it. Its exceptions are logged, and the caller then gets an empty
+        response, because a ROS 2 service cannot fail. Raises the errors of `subscribe`.
         """
         service_type = _type_of(kind, "srv")
         self._raise_if_closed()
@@ -180,11 +179,11 @@ class RclpyNode:
         return self.adopt(lambda: self._node.destroy_service(service), service)
 
     def adopt(self, destroy: Callable[[], object], native: Any = None) -> Service:
-        """Keep something that was made in the rclpy node, which `close` is to destroy."""
+        """Register an entity of the rclpy node, so that `close` destroys it."""
         return self._keep(NodeEntity(self._node, destroy, native))
 
     def now(self) -> int:
-        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""
+        """Nanoseconds by the node's clock: the system's, or /clock with `use_sim_time`."""
         return int(self._node.get_clock().now().nanoseconds)
 
     @property
@@ -200,8 +199,8 @@ class RclpyNode:
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
         """Call `called(now)` whenever simulated time is set, and once when the node ends.
 
-        The node's executor calls it, amid the callback of /clock; at its end, from any cause, and
-        at once where it has ended. It must not block.
+        The node's executor calls it during the callback of /clock. At the end of the node, for any
+        reason, it is called as well; at once if the node has already ended. It must not block.
         """
         clock = self._node.get_clock()
 
@@ -233,7 +232,7 @@ class RclpyNode:
             return self._keep(GraphEntity(take_back))
 
     def close(self) -> None:
-        """Take back everything that was opened here; the rclpy node stays."""
+        """Close everything that was opened here; the rclpy node stays open."""
         self._end()
         with self._lock:
             opened, self._opened = self._opened, set()
@@ -242,7 +241,7 @@ class RclpyNode:
         self._forget_node()
 
     def spin(self, ended: Callable[[], object] = lambda: None) -> Spinning:
-        """Spin the rclpy node in a thread, unless another executor has it, until one of both ends.
+        """Spin the rclpy node in a thread until either ends, unless another executor has the node.
 
         `ended` is called when the thread ends. Raises NodeClosed.
         """
@@ -253,13 +252,13 @@ class RclpyNode:
         return spinning
 
     def wake(self) -> None:
-        """Let the node's executor look again: a coroutine in it may go on."""
+        """Wake the node's executor: a coroutine in it may continue."""
         executor = self._node.executor
         if executor is not None:
             executor.wake()
 
     def _end(self) -> None:
-        """Listen no more. It waits for nothing: rclpy may call it with a lock of its own held."""
+        """Stop listening. It does not wait, because rclpy may call it with a lock held."""
         with self._lock:
             was_ended, self._ended = self._ended, True
             on_clock, receiver, spinning = self._on_clock, self._receiver, list(self._spinning)
@@ -287,7 +286,7 @@ class RclpyNode:
 
 
 def own_node(name: str) -> RclpyNode:
-    """Make a node of rclpy that no program has, in the default context, and spin it in a thread."""
+    """Create a new rclpy node in the default context, and spin it in a thread."""
     theirs = rclpy.create_node(
         name,
         # Not the name that the program's arguments give to its own node.
@@ -322,12 +321,12 @@ class _OpenedPublisher(NodeEntity):
 
 
 class _SenderNames:
-    """Says which node sent a message, as far as rclpy lets it be known.
+    """Finds which node sent a message, as far as rclpy allows.
 
-    A message comes with its number among those of its publisher, not with the publisher's name. So
-    a name can be told while all publishers of the topic are of one node. The graph is asked anew
-    when the numbers do not follow each other: then a publisher has come or gone, or a message was
-    lost.
+    A message has a sequence number of its publisher, but not the publisher's name. So the name is
+    known only while all publishers of the topic belong to one node. If the numbers are not
+    consecutive, a publisher was added or removed, or a message was lost. The graph is then queried
+    again.
 
     Threads: one at a time.
     """
@@ -364,9 +363,9 @@ class _SenderNames:
 
 
 def _when_destroyed(node: Any, called: Callable[[], None]) -> Callable[[], object]:
-    """Call `called` when the node is destroyed, or when what is returned is called.
+    """Call `called` when the node is destroyed, or when the returned function is called.
 
-    A node reports its end only to what it made: here a timer that never runs.
+    A node reports its end only to its own entities; this uses a timer that never fires.
     """
     timer = node.create_timer(1e6, lambda: None, callback_group=DisabledGroup())
     timer.cancel()
@@ -390,7 +389,7 @@ def _quality(*, latched: bool, depth: int) -> QoSProfile:
 
 
 def _type_of(kind: str, section: str) -> Any:
-    """The class of `package/Name`, or of `package/msg/Name` as ROS 2 writes it itself."""
+    """Return the class of `package/Name`, or of ROS 2's form `package/msg/Name`."""
     package, *_, name = kind.split("/")
     try:
         return getattr(import_module(f"{package}.{section}"), name)

@@ -1,7 +1,8 @@
 """Receives serialized messages through rclpy: in a separate thread, or in the node's executor.
 
-The thread has a wait set for its subscriptions alone, which costs a third of an executor that does
-the same. That is rclpy's private face: where it is not as expected, the thread spins an executor.
+The thread has a wait set with only its own subscriptions, which needs a third of the CPU of an
+executor. It uses private parts of rclpy. If these are not as expected, the thread spins an
+executor.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ _LISTENER: Final = "tfdb listener"
 
 
 class GraphEntity:
-    """A subscription, publisher, service or callback of a node; it is closed once.
+    """A subscription, publisher, service or callback of a node.
 
     Threads: any may close it.
     """
@@ -56,7 +57,7 @@ class GraphEntity:
     def __init__(self, take_back: Callable[[], object], native: Any = None) -> None:
         self.is_open: bool = True
         self.native: Any = native
-        """The same in rclpy, such as its Subscription; None: rclpy has nothing of the kind."""
+        """The object of rclpy, such as its Subscription; None: rclpy has none."""
         self._take_back = take_back
         self._lock = threading.Lock()
 
@@ -71,8 +72,8 @@ class GraphEntity:
 class NodeEntity(GraphEntity):
     """An entity that an rclpy node creates and destroys.
 
-    Threads: any may close it. An executor that spins fails when something of its is destroyed by
-    another thread, so it is asked to do that itself.
+    Threads: any may close it. A spinning executor fails if another thread destroys one of its
+    entities, so the executor itself destroys it.
     """
 
     def __init__(self, node: Any, destroy: Callable[[], object], native: Any = None) -> None:
@@ -100,10 +101,10 @@ class Receiver(Protocol):
 
 
 class _SubscriptionReceiver:
-    """Receives messages by rclpy's subscriptions, in the executor of their node.
+    """Receives messages through rclpy's subscriptions, in the executor of their node.
 
-    Each has a callback group of its own: its messages come in their order, and neither wait for
-    other callbacks of the node nor hold them up.
+    Each has its own callback group: its messages arrive in order, and neither wait for other
+    callbacks of the node nor delay them.
 
     Threads: any may call it.
     """
@@ -124,7 +125,7 @@ class _SubscriptionReceiver:
         return opened
 
     def close(self) -> None:
-        """Nothing is left: the executor is another's."""
+        """Do nothing: the executor belongs to the program."""
 
 
 class ExecutorReceiver:
@@ -168,11 +169,11 @@ class ExecutorReceiver:
 
 
 class _Waited(Waitable):  # type: ignore[misc]  # rclpy is not typed
-    """A topic that an executor waits for: one thing where a subscription of rclpy's is three.
+    """A topic for which an executor waits. It is one waitable; a subscription of rclpy is three.
 
-    It is itself and two events, and an executor looks at each twice for every message, in Python.
+    A subscription of rclpy and its two events cost an executor six checks in Python per message.
 
-    Threads: the executor's. What is closed meanwhile is passed over.
+    Threads: the executor's. A topic that is closed meanwhile is skipped.
     """
 
     def __init__(self, topic: _Topic) -> None:
@@ -202,7 +203,7 @@ class _Waited(Waitable):  # type: ignore[misc]  # rclpy is not typed
         return self._topic.is_ready(wait_set)
 
     def take_data(self) -> None:
-        """Nothing: `execute` takes one message after the other, while others wait for it."""
+        """Take nothing: `execute` takes the messages, one at a time."""
 
     async def execute(self, taken_data: None) -> None:  # noqa: ARG002  (the name is rclpy's)
         self._topic.take_all()
@@ -262,7 +263,7 @@ class _Topic:
         return opened
 
     def enter(self) -> bool:
-        """Keep it from being destroyed until `leave`; whether it is there to be kept."""
+        """Prevent its destruction until `leave`. Return whether it still exists."""
         try:
             self.handle.__enter__()
         except InvalidHandle:
@@ -288,7 +289,7 @@ class _Topic:
         return self._first is not None or bool(wait_set.is_ready("subscription", self._place))
 
     def warn(self) -> None:
-        """Log new QoS warnings, as rclpy does for its subscriptions. Once entered."""
+        """Log new QoS warnings, as rclpy does. Call it between `enter` and `leave`."""
         status = None if self.event is None else self.event.take_event()
         if status is not None and status.total_count_change > 0:
             policy = qos_policy_name_from_kind(status.last_policy_kind)
@@ -325,7 +326,7 @@ class _Topic:
 
 
 class ThreadReceiver(NodeThread):
-    """Receives messages in a thread that waits for its own subscriptions and ends with the last.
+    """Receives messages in a thread, which waits for its subscriptions and ends with the last.
 
     Threads: any may call it.
     """
@@ -390,7 +391,7 @@ class ThreadReceiver(NodeThread):
                 self._ended()
 
     def _listen_until_idle(self) -> bool:
-        """Listen; whether it ended as no topic is left: the next one starts another thread."""
+        """Listen. Return True if it ended because no topic is left."""
         while self._is_running():
             with self._lock:
                 topics = self._topics
@@ -401,7 +402,7 @@ class ThreadReceiver(NodeThread):
         return False
 
     def _listen(self, topics: tuple[_Topic, ...]) -> None:
-        """Take the messages of these topics, until they are others."""
+        """Receive messages of these topics until the topics change."""
         with ExitStack() as in_use:
             for topic in topics:
                 if not topic.enter():
@@ -433,7 +434,7 @@ class ThreadReceiver(NodeThread):
 
 
 class _OwnExecutor:
-    """Receives messages in a separate executor, which spins a separate node in a thread.
+    """Receives messages in a thread that spins a separate executor with a separate node.
 
     Threads: any may call it.
     """
@@ -467,7 +468,7 @@ class _OwnExecutor:
 class DisabledGroup(CallbackGroup):
     """A callback group that no executor runs.
 
-    Threads: any may ask.
+    Threads: any.
     """
 
     def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the name is rclpy's)
@@ -479,13 +480,13 @@ class DisabledGroup(CallbackGroup):
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Nothing has begun."""
+        """Do nothing, because no callback runs in this group."""
 
 
 class SerialGroup(CallbackGroup):
     """Runs one callback at a time, with less CPU than rclpy's MutuallyExclusiveCallbackGroup.
 
-    Threads: any may ask.
+    Threads: any.
     """
 
     def __init__(self) -> None:
@@ -510,7 +511,7 @@ _destroyable: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def _allow_destroy(node: Any, subscription: Any) -> None:
-    """Let `node.destroy_subscription` end a subscription that the node has not in its list."""
+    """Let `node.destroy_subscription` end a subscription that is not in the node's list."""
     _destroyable.add(subscription)
     destroy = node.destroy_subscription
     if getattr(destroy, "knows_destroyable", False):
@@ -528,7 +529,7 @@ def _allow_destroy(node: Any, subscription: Any) -> None:
 
 
 def _implementation() -> Any:
-    """Rclpy's private face, which may become another."""
+    """Return the private parts of rclpy, which may change."""
     from rclpy.impl.implementation_singleton import rclpy_implementation  # noqa: PLC0415
 
     return rclpy_implementation

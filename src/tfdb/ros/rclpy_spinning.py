@@ -35,7 +35,7 @@ def is_up(node: Any) -> bool:
 class NodeThread(ABC):
     """A thread that works until it is closed or its context is shut down.
 
-    Threads: any may call it. `close` does not wait: what runs may still end.
+    Threads: any may call it. `close` does not wait for running work.
     """
 
     def __init__(self, node: Any, name: str) -> None:
@@ -46,12 +46,12 @@ class NodeThread(ABC):
         """The thread, once started."""
 
     def close(self) -> None:
-        """End it."""
+        """End the thread."""
         self._stopped = True
         self._ring()
 
     def join(self, seconds: float | None = _LEAVE_WITHIN) -> bool:
-        """Wait for its end, unless it is the thread that calls; whether it has ended."""
+        """Wait for its end, unless it is the calling thread. Return whether it has ended."""
         if self.thread is None or self.thread is threading.current_thread():
             return False
         self.thread.join(seconds)
@@ -67,11 +67,11 @@ class NodeThread(ABC):
 
     @abstractmethod
     def _ring(self) -> None:
-        """Make it look about."""
+        """Wake the thread to check its state."""
 
     @abstractmethod
     def _run(self) -> None:
-        """Work until it is to end."""
+        """Work until it should end."""
 
 
 _threads: weakref.WeakSet[NodeThread] = weakref.WeakSet()
@@ -79,7 +79,7 @@ _threads: weakref.WeakSet[NodeThread] = weakref.WeakSet()
 
 @atexit.register
 def _leave() -> None:
-    """A thread that came back from a wait after the interpreter's end would crash."""
+    """Leave a wait; a thread that returned from it after the interpreter's end would crash."""
     left = list(_threads)
     for each in left:
         each.close()
@@ -88,10 +88,11 @@ def _leave() -> None:
 
 
 class Spinning(NodeThread):
-    """Spins a node of rclpy in a thread and an executor of its own.
+    """Spins an rclpy node in its own thread and executor.
 
-    A node that another executor has stays with that one, and one that is given to another executor
-    leaves this one. The thread ends when it is closed, `executor` is shut down, or the context is.
+    If another executor has the node, the node stays there. If the node is added to another
+    executor, it leaves this one. The thread ends when it is closed, or when `executor` or the
+    context is shut down.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class Spinning(NodeThread):
 
     @property
     def has_node(self) -> bool:
-        """Whether it is this executor that spins the node."""
+        """Whether this executor spins the node."""
         return self._node.executor is self.executor
 
     def _ring(self) -> None:
@@ -147,7 +148,7 @@ class Spinning(NodeThread):
 
 
 class ContextNode(Protocol):
-    """A node of ours that ends with the context of its rclpy node."""
+    """A tfdb node that ends with the context of its rclpy node."""
 
     given: Any
 
@@ -158,10 +159,10 @@ class ContextNode(Protocol):
 
 
 def watch(node: ContextNode) -> None:
-    """End a node when its context is shut down, by a signal too.
+    """End a node when its context is shut down, even by a signal.
 
-    A signal of the operating system shuts contexts down without the calls that
-    `Context.on_shutdown` promises.
+    A signal of the operating system shuts contexts down without the callbacks of
+    `Context.on_shutdown`.
     """
     theirs = node.given
     with _watching:
@@ -174,10 +175,10 @@ def watch(node: ContextNode) -> None:
 
 
 class _ShutdownWatch(NodeThread):
-    """Waits in a thread for the end of a context, while a node of ours is open in it.
+    """Waits in a thread for the end of a context, while the context has an open tfdb node.
 
-    It looks now and then. rclpy rings guard conditions before it shuts a context down, so an
-    executor that is woken by a signal may find the context up, and sleep again.
+    It polls. rclpy triggers guard conditions before it shuts a context down, so an executor that is
+    woken by a signal may find the context valid, and sleep again.
     """
 
     def __init__(self, node: Any) -> None:
@@ -197,7 +198,7 @@ class _ShutdownWatch(NodeThread):
                 node._end()
 
     def _has_open_node(self) -> bool:
-        """Whether there is more to watch. If not, the context's next node gets a new watch."""
+        """Whether the context has an open node. If not, its next node gets a new watch."""
         with _watching:
             if not self._stopped and any(not node.closed for node in self.nodes):
                 return True
@@ -211,7 +212,7 @@ _watches: dict[Any, _ShutdownWatch] = {}
 
 
 class _Executor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is not typed
-    """What can be shut down while its thread spins it.
+    """An executor that can be shut down while its thread spins it.
 
     Threads: any may shut it down.
     """
@@ -221,7 +222,7 @@ class _Executor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is not t
         self._spinning = weakref.ref(spinning)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """End the thread; whether it has ended in time, in seconds. None: no limit."""
+        """End the thread. Return whether it ended within `timeout` seconds; None: no limit."""
         spinning = self._spinning()
         if spinning is None:
             return self.clean_up()

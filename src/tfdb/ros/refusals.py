@@ -1,4 +1,4 @@
-"""Messages of a graph that are not of the wanted type."""
+"""Messages of a graph that do not have the wanted type."""
 
 from __future__ import annotations
 

@@ -32,18 +32,18 @@ _HASHES = {
 
 @dataclass(frozen=True)
 class Kind:
-    """A type as nodes of ROS 2 name it to each other."""
+    """A message type, as ROS 2 nodes describe it to each other."""
 
     name: str
     """Such as `tf2_msgs/TFMessage`."""
     wire: str
     """Such as `tf2_msgs::msg::dds_::TFMessage_`."""
     hash: str
-    """Of its definition, as RIHS01."""
+    """Hash of its definition, as RIHS01."""
 
 
 def kind_of(name: str) -> Kind:
-    """Type of `package/Name` or `package/msg/Name`. Raises InvalidArgument for an unknown one."""
+    """Return the type `package/Name` or `package/msg/Name`. Raises InvalidArgument if unknown."""
     short = check_name("kind", name).replace("/msg/", "/")
     if short not in _HASHES:
         known = ", ".join(sorted(_HASHES))
@@ -54,7 +54,7 @@ def kind_of(name: str) -> Kind:
 
 
 def domain_of(text: str) -> int:
-    """Domain of a text; an empty one stands for ROS_DOMAIN_ID, or 0. Raises InvalidArgument."""
+    """Read a domain; empty: that of ROS_DOMAIN_ID, or 0. Raises InvalidArgument."""
     text = text or os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (text.isascii() and text.isdecimal() and int(text) <= LAST_DOMAIN):
         raise InvalidArgument(
@@ -64,17 +64,17 @@ def domain_of(text: str) -> int:
 
 
 class Ros2Names:
-    """How a node of ROS 2 resolves names.
+    """Resolves the names of a ROS 2 node.
 
-    Threads: any; it does not change.
+    Threads: any; it is immutable.
 
     Parameters
     ----------
     name
-        The node's, without a namespace.
+        Name of the node, without namespace.
     arguments
-        Those of the program. From `--ros-args` to `--`, `-r` and `-p use_sim_time:=true` count.
-        None: `sys.argv`.
+        Arguments of the program. From `--ros-args` to `--`, `-r` and `-p use_sim_time:=true` are
+        used. None: `sys.argv`.
     """
 
     def __init__(self, name: str, arguments: Sequence[str] | None) -> None:
@@ -87,7 +87,7 @@ class Ros2Names:
                 value=name,
             )
         self.namespace: str = found.remapped.pop("__ns", "/")
-        """Where relative names are resolved."""
+        """Namespace for relative names."""
         if _NAMESPACE.fullmatch(self.namespace) is None:
             raise InvalidName(
                 f"{self.namespace!r} is not a valid namespace: it must begin with /, followed by "
@@ -121,7 +121,7 @@ class Ros2Names:
 
 
 class _Arguments:
-    """What the program's arguments tell the node. Raises InvalidArgument."""
+    """Settings of the node from the program's arguments. Raises InvalidArgument."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self.remapped: dict[str, str] = {}

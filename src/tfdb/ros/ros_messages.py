@@ -1,4 +1,4 @@
-"""Message classes of results: real ones if ROS is installed, otherwise ours."""
+"""Message classes of results: real ones if ROS is installed, otherwise tfdb's."""
 
 # ruff: noqa: PLC0415  (ROS may be missing, and takes long to import)
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @cache
 def installed() -> Flavor | None:
-    """Side of ROS whose geometry_msgs can be imported; None: neither."""
+    """Return whether geometry_msgs of ROS 1 or ROS 2 is installed; None: neither."""
     try:
         from geometry_msgs.msg import TransformStamped
     except ImportError:
@@ -44,7 +44,7 @@ def message_name(kind: type) -> str | None:
 
 @cache
 def message_class(name: str) -> type:
-    """Class of one of geometry_msgs' messages: the installed ROS's, or ours; AttributeError."""
+    """Return a class of geometry_msgs, of the installed ROS or of tfdb. Raises AttributeError."""
     if installed() is None:
         return getattr(msgs, name)  # type: ignore[no-any-return]
     import geometry_msgs.msg
@@ -53,7 +53,7 @@ def message_class(name: str) -> type:
 
 
 def tf_message_class(flavor: Flavor) -> type:
-    """Class of a TFMessage: that of the installed ROS, if it is of a flavor, or ours."""
+    """Return the class TFMessage of the installed ROS if that has the flavor, otherwise tfdb's."""
     if installed() == flavor:
         try:
             from tf2_msgs.msg import TFMessage
@@ -64,7 +64,7 @@ def tf_message_class(flavor: Flavor) -> type:
 
 
 def real_tf_message(data: bytes, flavor: Flavor) -> Any:
-    """Make a TFMessage of the installed ROS of its bytes; None: ours stand for them."""
+    """Make a TFMessage of the installed ROS from bytes; None: tfdb's class is used."""
     kind: Any = tf_message_class(flavor)
     if kind is msgs.TFMessage:
         return None
@@ -109,7 +109,7 @@ def fill_header(header: Any, given: Any) -> None:
 
 
 def make_header(stamp: Any, frame_id: str) -> Any:
-    """Make a std_msgs/Header of the installed ROS, or ours."""
+    """Make a std_msgs/Header of the installed ROS, or of tfdb."""
     if installed() is None:
         return msgs.Header(stamp, frame_id)
     from std_msgs.msg import Header
@@ -119,10 +119,10 @@ def make_header(stamp: Any, frame_id: str) -> Any:
 
 @cache
 def makers(flavor: Flavor) -> tuple[MessageMaker, Callable[[int], Any]]:
-    """Return what makes messages of a flavor.
+    """Return two functions that make messages of a flavor.
 
-    One makes a TransformStamped of (target, source, nanoseconds, x y z qx qy qz qw), the other a
-    time of nanoseconds.
+    One makes a TransformStamped from (target, source, nanoseconds, x y z qx qy qz qw), the other a
+    time from nanoseconds.
     """
     if installed() != flavor:
         return MessageMaker(make_ours), msgs.Time.from_nanoseconds
@@ -132,7 +132,7 @@ def makers(flavor: Flavor) -> tuple[MessageMaker, Callable[[int], Any]]:
 
 
 def make_ours(target: str, source: str, stamp: int, pose: Sequence[float]) -> msgs.TransformStamped:
-    """T[target<-source] as one of our messages."""
+    """T[target<-source] as a message of tfdb."""
     x, y, z, qx, qy, qz, qw = pose
     return msgs.TransformStamped(
         msgs.Header(msgs.Time(stamp // SECOND, stamp % SECOND), target),
@@ -156,7 +156,7 @@ def ros2_time(stamp: int) -> Any:
 
 
 def make_ros1(target: str, source: str, stamp: int, pose: Sequence[float]) -> Any:
-    """T[target<-source] as a real message of ROS 1."""
+    """T[target<-source] as a message of ROS 1."""
     from geometry_msgs.msg import TransformStamped
 
     message = TransformStamped()
@@ -165,7 +165,7 @@ def make_ros1(target: str, source: str, stamp: int, pose: Sequence[float]) -> An
 
 
 def make_ros2(target: str, source: str, stamp: int, pose: Sequence[float]) -> Any:
-    """T[target<-source] as a real message of ROS 2."""
+    """T[target<-source] as a message of ROS 2."""
     from geometry_msgs.msg import TransformStamped
 
     message = TransformStamped()

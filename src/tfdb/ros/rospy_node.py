@@ -35,14 +35,14 @@ AT_ONCE = max(1 << 20, DEFAULT_BUFF_SIZE)  # bytes that are received in one call
 
 
 class RospyNode:
-    """The process's node of rospy, of which rospy makes the connections and the threads.
+    """The rospy node of the process; rospy makes its connections and threads.
 
-    Threads: any may call anything. Each publisher of a topic is received in a thread of its own, as
-    rospy does it: callbacks of one topic may run at the same time. `close` takes back what was
-    opened through this object; the node of rospy stays.
+    Threads: any may call anything. As in rospy, each publisher of a topic has its own receiving
+    thread, so callbacks of one topic may run at the same time. `close` closes the entities that
+    were opened through this object; the rospy node stays open.
 
-    Where the program subscribes to the same topic, both share rospy's connections: it gets messages
-    of its type, and tfdb gets bytes.
+    If the program subscribes to the same topic, both share rospy's connections: the program gets
+    messages of its type, and tfdb gets bytes.
 
     Raises NotSupported before `rospy.init_node`.
     """
@@ -83,8 +83,8 @@ class RospyNode:
     ) -> Subscription:
         """Call `on_message(data, publisher)` for each message of a topic, in their order.
 
-        No message is passed over: while a callback does not return, those that come wait in the
-        connection, then at the publisher. Raises NodeClosed.
+        No message is dropped here: while a callback runs, new messages wait in the connection, then
+        at the publisher. Raises NodeClosed.
         """
         failed: set[str] = set()
 
@@ -110,10 +110,10 @@ class RospyNode:
         depth: int = 100,
         qos: Any = None,  # noqa: ARG002  (of ROS 2)
     ) -> Publisher:
-        """Offer a topic; late joiners get the last message of a latched one.
+        """Offer a topic; if it is latched, nodes that join later get its last message.
 
-        At most `depth` messages wait for a subscriber that takes them too slowly. Raises
-        InvalidArgument for a type that is neither installed nor known, NodeClosed.
+        At most `depth` messages wait for a slow subscriber. Raises InvalidArgument for a type that
+        is neither installed nor known, NodeClosed.
         """
         self._check_open()
         if raw_class(kind)._md5sum == rospy.AnyMsg._md5sum:
@@ -124,8 +124,8 @@ class RospyNode:
     def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
         """Offer a service: `answer` makes the serialized response of a serialized request.
 
-        Each client is answered in a thread of its own. Raises InvalidArgument for a type that is
-        not known or a name that is served already, NodeClosed.
+        Each client is answered in its own thread. Raises InvalidArgument for an unknown type or a
+        name that is already served, NodeClosed.
         """
         self._check_open()
         service = raw_service(kind)
@@ -139,7 +139,7 @@ class RospyNode:
         return self._kept(_NodeEntity(self, lambda: made.shutdown("it was closed"), native=made))
 
     def now(self) -> int:
-        """Nanoseconds on rospy's clock."""
+        """Nanoseconds by rospy's clock."""
         found: int = rospy.get_rostime().to_nsec()
         return found
 
@@ -157,7 +157,7 @@ class RospyNode:
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
         """Call `called(now)` whenever simulated time is set, and once when the node ends.
 
-        At once where it has ended.
+        If the node has already ended, call it at once.
         """
         if self.closed:
             called(self.now())
@@ -199,13 +199,13 @@ class _NodeEntity:
         native: Any = None,
     ) -> None:
         self.ended = ended
-        """Called at the end of the node."""
+        """Function that is called at the end of the node."""
         self.native: Any = native
-        """The same in rospy, such as its Subscriber; None: rospy has nothing of the kind."""
+        """The object of rospy, such as its Subscriber; None: rospy has none."""
         self._node, self._close = node, close
 
     def close(self) -> None:
-        """Take it back. Again: nothing happens."""
+        """Close the entity. A second call does nothing."""
         with self._node._lock:
             if self not in self._node._open:
                 return
@@ -214,7 +214,7 @@ class _NodeEntity:
 
 
 class _Clock:
-    """Callbacks for a new time of rospy and for its end. Threads: any."""
+    """Callbacks for changes of rospy's time and for its end. Threads: any."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()  # a signal's handler may come amid a call
@@ -234,7 +234,7 @@ class _Clock:
                 self._told.remove(called)
 
     def end(self, called: Callable[[int], None]) -> None:
-        """Call once more."""
+        """Call the callbacks for the end."""
         self._report_clock([called])
 
     def _set(self, _: Any = None) -> None:
@@ -253,12 +253,12 @@ class _Clock:
 
 @cache
 def the_clock() -> _Clock:
-    """The one of the process."""
+    """Return the clock of the process."""
     return _Clock()
 
 
 class _RospySubscription(_NodeEntity):
-    """A topic that rospy listens to. Threads: any."""
+    """A topic to which rospy listens. Threads: any."""
 
     def __init__(self, node: RospyNode, subscriber: Any) -> None:
         super().__init__(node, subscriber.unregister, native=subscriber)
@@ -293,9 +293,9 @@ class _RospyPublisher(_NodeEntity):
 
 
 class _RawMessage:
-    """Part of a message's class that keeps the bytes, and takes them apart if someone looks.
+    """Mixin of a message class that keeps the bytes, and decodes them at the first access.
 
-    Threads: one at a time, as any message.
+    Threads: one at a time.
     """
 
     _whole: Any  # the message's own class
@@ -314,7 +314,7 @@ class _RawMessage:
         return self
 
     def serialize(self, out: Any) -> None:
-        """Write the bytes, or the fields where they may have been changed."""
+        """Write the bytes, or the fields if these may have changed."""
         if self._data is None:
             self._whole.serialize(self, out)
         else:
@@ -329,7 +329,7 @@ class _RawMessage:
         return getattr(self, name)
 
     def __reduce__(self) -> Any:
-        """Copies and pickles are messages of the class itself."""
+        """Make copies and pickles messages of the plain class."""
         return _remade, (self._whole, bytes_of(self))
 
 
@@ -338,7 +338,7 @@ def _remade(whole: Any, data: bytes) -> Any:
 
 
 def class_of(kind: str) -> Any:
-    """Class of a type's messages: the installed one, else AnyMsg."""
+    """Return the message class of a type: the installed one, otherwise AnyMsg."""
     package, _, name = kind.partition("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
@@ -348,10 +348,11 @@ def class_of(kind: str) -> Any:
 
 @cache
 def raw_class(kind: str) -> Any:
-    """Class of a type's messages in bytes.
+    """Return the message class of a type that keeps the bytes.
 
-    It is a subclass of the installed one, so that others who share rospy's connection get messages
-    of their type. Where none is installed it is made of what tfdb knows of the type, else AnyMsg.
+    It is a subclass of the installed class, so that other subscribers of rospy's connection get
+    messages of their type. If none is installed, it is made from tfdb's definition of the type,
+    otherwise it is AnyMsg.
     """
     whole = class_of(kind)
     if whole is rospy.AnyMsg:
@@ -377,7 +378,7 @@ def raw_class(kind: str) -> Any:
 
 
 def bytes_of(message: Any) -> bytes:
-    """Serialized form of a message of rospy."""
+    """Return the serialized form of a rospy message."""
     kept = getattr(message, "_data", None) or getattr(message, "_buff", None)
     if kept is not None:
         data: bytes = kept
@@ -413,7 +414,7 @@ class RawResponse(Message):
 
 @cache
 def raw_service(kind: str) -> Any:
-    """Class of a service in bytes."""
+    """Return the class of a service with serialized requests and responses."""
     known = service_kind(kind)
     name = kind.rpartition("/")[2]
     request, response = (

@@ -1,4 +1,4 @@
-"""What others may ask a node of ROS 1 over XML-RPC: the Slave API.
+"""The Slave API: XML-RPC requests to a ROS 1 node.
 
 It is described at https://wiki.ros.org/ROS/Slave_API.
 """
@@ -40,13 +40,13 @@ METHODS = {
 
 
 class SlaveNode(Protocol):
-    """Requests of peers that the node answers."""
+    """Interface of a node to the requests of its peers."""
 
     def subscriptions(self) -> Mapping[str, str]:
-        """Type of each topic that it listens to."""
+        """Types of the subscribed topics."""
 
     def publications(self) -> Mapping[str, str]:
-        """Type of each topic that it publishes."""
+        """Types of the published topics."""
 
     def connections(self) -> Iterable[tuple[str, str, str]]:
         """Peer, direction (`i` or `o`) and topic of each connection."""
@@ -58,13 +58,13 @@ class SlaveNode(Protocol):
         """The master reports a new value of a parameter."""
 
     def topic_address(self, topic: str) -> tuple[str, int] | None:
-        """Where subscribers of a topic connect to; None if it is not published."""
+        """Return the address for subscribers of a topic; None if the topic is not published."""
 
     def shutdown_requested(self, reason: str) -> None:
         """The master, or a tool, ends the node."""
 
     def master_uri(self) -> str:
-        """Where its master is."""
+        """URI of its master."""
 
 
 class _Handler(SimpleXMLRPCRequestHandler):
@@ -74,7 +74,7 @@ class _Handler(SimpleXMLRPCRequestHandler):
     timeout = SILENCE_SECONDS
 
     def do_POST(self) -> None:  # noqa: N802  (the name above)
-        """Answer it, unless it is too large to be one."""
+        """Answer the request, unless it is too large."""
         length = self.headers.get("content-length", "")
         if not length.isdecimal() or int(length) > REQUEST_LIMIT:
             self.send_error(TOO_LARGE)
@@ -89,7 +89,7 @@ class _Handler(SimpleXMLRPCRequestHandler):
 
 
 class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
-    """Answers the master and other nodes, each request in a thread.
+    """Answers requests of the master and other nodes, each in a thread.
 
     Threads: `port` any; the loop's thread accepts.
     """
@@ -102,7 +102,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         super().__init__((host, 0), _Handler, logRequests=False)
         self.socket.setblocking(False)  # noqa: FBT003
         self.port: int = self.server_address[1]
-        """Where it listens."""
+        """Port on which it listens."""
         self._node = node
         self._told_to_end: str | None = None
         loop.watch(self.socket, selectors.EVENT_READ, lambda _: self.handle_request())

@@ -1,6 +1,6 @@
-"""TCPROS on the wire: frames (a length and that many bytes), headers of `key=value` fields.
+"""The bytes of TCPROS: frames (a length and that many bytes), headers of `key=value` fields.
 
-The protocol is described at https://wiki.ros.org/ROS/TCPROS. Nothing here knows what a message is.
+The protocol is described at https://wiki.ros.org/ROS/TCPROS. This file does not decode messages.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ __all__ = [
 ]
 
 HEADER_LIMIT = 1 << 20
-"""Bytes of a header, which holds a message's definition."""
+"""Largest size of a header, which includes the message definition, in bytes."""
 MESSAGE_LIMIT = 256 << 20
-"""Bytes of a message; a length beyond it is taken for damage."""
+"""Largest size of a message in bytes; a larger length counts as damage."""
 FIRST_SIZE = 1 << 20  # of the buffer: what lies in the connection is taken in one call
 LENGTH = struct.Struct("<I")
 _measure = LENGTH.unpack_from
@@ -45,7 +45,7 @@ def encode_header(fields: Mapping[str, str]) -> bytes:
 
 
 def decode_header(data: bytes | memoryview) -> dict[str, str]:
-    """Fields of a header, without its length. Raises CorruptMessage if it is none."""
+    """Return the fields of a header without length. Raises CorruptMessage if it is invalid."""
     fields = {}
     begin = 0
     while begin < len(data):
@@ -72,10 +72,10 @@ def decode_header(data: bytes | memoryview) -> dict[str, str]:
 
 
 def receive_header(connection: socket.socket, seconds: float) -> dict[str, str]:
-    """Fields of the header that comes first on a connection, and nothing of what follows.
+    """Receive the header at the start of a connection, but nothing after it; return its fields.
 
-    Raises TimeoutError if it is not there in time, ConnectionError if the connection ends before,
-    CorruptMessage for what is not a header. The connection has no timeout afterwards.
+    Raises TimeoutError if it does not arrive in time, ConnectionError if the connection ends
+    before, CorruptMessage if it is invalid. The connection has no timeout afterwards.
     """
     deadline = time.monotonic() + seconds
 
@@ -106,20 +106,20 @@ def _too_long(length: int, limit: int) -> CorruptMessage:
 
 
 class Frames:
-    """What a connection sends, cut into frames in the buffer that it was received into.
+    """Divides the received bytes of a connection into frames, without copying.
 
     Threads: one at a time.
     """
 
     def __init__(self, limit: int, size: int = FIRST_SIZE) -> None:
         self.limit = limit
-        """Bytes that a frame may have."""
+        """Largest size of a frame in bytes."""
         self._buffer = bytearray(size)
         self._view = memoryview(self._buffer)
         self._begin = self._end = 0
 
     def fill(self, connection: socket.socket) -> int:
-        """Receive once, into the rest of the buffer; 0 means that the connection has ended."""
+        """Receive once into the rest of the buffer. 0: the connection has ended."""
         if self._end == len(self._buffer):
             self._move_to(min(2 * len(self._buffer), self.limit + LENGTH.size))
         count = connection.recv_into(self._view[self._end :])
@@ -127,10 +127,10 @@ class Frames:
         return count
 
     def each(self, take: Callable[[memoryview], object]) -> None:
-        """Call `take` with each whole frame, without its length; it is valid until that returns.
+        """Call `take` with each complete frame, without its length. The frame is valid in the call.
 
-        What `take` raises is raised, and its frame is done with. Raises CorruptMessage for a length
-        beyond the limit.
+        Exceptions of `take` are raised, and its frame counts as processed. Raises CorruptMessage
+        for a length beyond the limit.
         """
         while self._end - self._begin >= LENGTH.size:
             (length,) = _measure(self._buffer, self._begin)
@@ -156,7 +156,7 @@ class Frames:
             self._begin, self._end = 0, rest
 
     def _move_to(self, size: int) -> None:
-        """Get a buffer of that size, and move the rest into it."""
+        """Allocate a buffer of that size, and move the rest to it."""
         rest = self._buffer[self._begin : self._end]
         self._buffer = bytearray(size)
         self._view = memoryview(self._buffer)

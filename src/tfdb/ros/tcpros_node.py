@@ -1,4 +1,4 @@
-"""A node of ROS 1 by the standard library, without ROS packages."""
+"""A ROS 1 node on the standard library, without ROS packages."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ LAST_CALLBACKS_SECONDS = 1.0
 class TcprosNode(Closable):
     """A node of ROS 1: topics, services and a clock, over XML-RPC and TCPROS.
 
-    Threads: any may call anything. Each publisher of a topic is received in a thread of its own,
-    and one callback of a topic is called at a time: a callback that waits holds up its own topic
-    alone. Publishing never waits for a subscriber.
+    Threads: any may call anything. Each publisher of a topic has its own receiving thread. One
+    callback of a topic runs at a time, so a callback that waits delays only its own topic.
+    Publishing does not wait for subscribers.
 
     A subscriber reconnects when its publisher comes back. The master closes a node when
     another node with its name starts. Later calls raise NodeClosed with the reason.
@@ -50,7 +50,7 @@ class TcprosNode(Closable):
         Arguments of the program, for remappings (`from:=to`, `__name:=`, `__ns:=`). None:
         `sys.argv`.
 
-    Raises NoMaster if no master answers, InvalidName for a name that is none.
+    Raises NoMaster if no master answers, InvalidName for an invalid name.
     """
 
     flavor: Flavor = "ros1"
@@ -86,7 +86,7 @@ class TcprosNode(Closable):
         self._server = TcprosServer(self._loop, interface, self._accept)
         self._slave = SlaveServer(self._loop, interface, _Slave(self))
         self.uri: str = f"http://{names.host}:{self._slave.port}/"
-        """Where the master and other nodes call it."""
+        """URI for calls of the master and other nodes."""
         self._service_uri = f"rosrpc://{names.host}:{self._server.port}"
         self._loop.start()
         atexit.register(self.close)
@@ -109,10 +109,10 @@ class TcprosNode(Closable):
     ) -> Subscription:
         """Call `on_message(data, publisher)` for each message of a topic, in their order.
 
-        `data` is valid until it returns. No message is passed over: while a callback does not
-        return, those that come wait in the connection, then at the publisher. A type of which no
-        definition is at hand matches any publisher's. Raises InvalidName, InvalidArgument,
-        NoMaster, MasterRefused, NodeClosed.
+        `data` is valid until the callback returns. No message is dropped here: while a callback
+        runs, new messages wait in the connection, then at the publisher. A type with an unknown
+        definition matches any publisher's. Raises InvalidName, InvalidArgument, NoMaster,
+        MasterRefused, NodeClosed.
         """
         full, wanted = self._names.resolve(topic), kind_of(kind)
         with self._registering:
@@ -137,11 +137,11 @@ class TcprosNode(Closable):
         depth: int = 100,
         qos: Any = None,  # noqa: ARG002  (of ROS 2)
     ) -> Publisher:
-        """Offer a topic. Late joiners get the last message of each publisher that is latched.
+        """Offer a topic. Nodes that join later get the last message of each latched publisher.
 
-        At most `depth` messages wait for a subscriber that takes them too slowly, without the
-        oldest. Several publishers of one topic share its connections. Raises InvalidName,
-        InvalidArgument for a type without definition, NoMaster, MasterRefused, NodeClosed.
+        At most `depth` messages wait for a slow subscriber; beyond that the oldest are dropped.
+        Several publishers of one topic share its connections. Raises InvalidName, InvalidArgument
+        for a type without definition, NoMaster, MasterRefused, NodeClosed.
         """
         full, wanted = self._names.resolve(topic), known_kind(kind)
         with self._registering:
@@ -172,9 +172,9 @@ class TcprosNode(Closable):
     def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
         """Offer a service: `answer` makes the serialized response of a serialized request.
 
-        It is called in a thread of the service's own; what it raises is the client's answer. Raises
-        InvalidName, InvalidArgument for a type without definition or a name that is served
-        already, NoMaster, MasterRefused, NodeClosed.
+        `answer` is called in a thread of the service. Its exceptions are sent to the client as
+        errors. Raises InvalidName, InvalidArgument for a type with an unknown definition or a name
+        that is already served, NoMaster, MasterRefused, NodeClosed.
         """
         full, wanted = self._names.resolve(name), service_kind(kind)
         with self._registering:
@@ -194,9 +194,9 @@ class TcprosNode(Closable):
         return _Service(self, full)
 
     def now(self) -> int:
-        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`.
+        """Nanoseconds by the node's clock: the system's, or /clock with `use_sim_time`.
 
-        The latter is 0 until /clock has said something.
+        The latter is 0 before the first message on /clock.
         """
         return self._now if self._simulated else time.time_ns()
 
@@ -207,7 +207,7 @@ class TcprosNode(Closable):
 
     @property
     def senders(self) -> frozenset[str]:
-        """Publishers that other nodes name for messages of this one: its name."""
+        """Publisher names of this node's messages at other nodes: its name."""
         return frozenset({self.name})
 
     @property
@@ -218,7 +218,7 @@ class TcprosNode(Closable):
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
         """Call `called(now)` whenever simulated time is set, and once when the node ends.
 
-        At once where it has ended.
+        If the node has already ended, call it at once.
         """
         listener = _ClockListener(self, called)
         with self._lock:
@@ -228,11 +228,11 @@ class TcprosNode(Closable):
         return listener
 
     def wait_closed(self, timeout: float | None = None) -> bool:
-        """Wait until the node is closed, by `close` or by the master; whether it is."""
+        """Wait until the node is closed, by `close` or by the master. Return whether it is."""
         return self._ended.wait(timeout)
 
     def close(self) -> None:
-        """Take everything back from the master, and disconnect. Again: nothing happens."""
+        """Unregister everything from the master, and disconnect. A second call does nothing."""
         self._close("it was closed")
 
     def _close(self, why: str) -> None:
@@ -317,7 +317,7 @@ class TcprosNode(Closable):
         topic.update(uris)
 
     def _accept(self, peer: Peer, fields: dict[str, str]) -> None:
-        """Hand a peer to the topic or service of its header."""
+        """Pass a peer to the topic or service in its header."""
         peer.name = fields.get("callerid", "?")
         with self._lock:
             wanted: AdvertisedTopic | ServedName | None
@@ -402,7 +402,7 @@ class _ClockListener:
         self._node = node
 
     def close(self) -> None:
-        """Call it no more."""
+        """Stop calling the function."""
         with self._node._lock:
             if self in self._node._clock_listeners:
                 self._node._clock_listeners.remove(self)
@@ -431,13 +431,13 @@ class _Publisher:
         self._topic.publish(data, self)
 
     def close(self) -> None:
-        """Take it back; the last publisher of a topic takes the topic with it."""
+        """Close the publisher. The last publisher of a topic unregisters the topic."""
         self._closed = True
         self._node._leave_publisher(self, self._topic)
 
 
 class _Service:
-    """A service that is offered. Threads: any."""
+    """An offered service. Threads: any."""
 
     native = None
 
@@ -445,7 +445,7 @@ class _Service:
         self._node, self._name = node, name
 
     def close(self) -> None:
-        """Take it back."""
+        """Unregister the service."""
         self._node._leave_service(self._name)
 
 

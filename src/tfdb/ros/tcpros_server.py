@@ -1,4 +1,4 @@
-"""Peers of a ROS 1 node: subscribers of its topics, clients of its services."""
+"""Peers of a ROS 1 node: the subscribers of its topics and the clients of its services."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ ANY = "*"
 
 
 class Peer:
-    """Connection that another node opened to this one, which is not blocked by it.
+    """A connection that another node opened to this one. It never blocks this node.
 
-    Threads: `send` and `close` may be called by any, the rest by the loop's.
+    Threads: any may call `send` and `close`; only the loop's thread calls the others.
     """
 
     def __init__(self, loop: Loop, connection: socket.socket) -> None:
         self.name: str = ""
-        """The node that connected, once it has said so."""
+        """Name of the connected node, once its header has arrived."""
         self.dropped: int = 0
-        """Frames that were not sent, as it was too slow."""
+        """Number of dropped frames, because the peer was too slow."""
         self._loop, self._connection = loop, connection
         self._lock = threading.Lock()
         self._waiting: deque[bytes] = deque()
@@ -49,7 +49,7 @@ class Peer:
         self._on_close: Callable[[Peer], None] | None = None
 
     def begin(self, on_header: Callable[[Peer, dict[str, str]], None]) -> None:
-        """Wait some seconds for its header, and pass it on."""
+        """Wait some seconds for its header, and pass the header on."""
         self._on_frame = lambda data: on_header(self, decode_header(data))
         self._loop.watch(self._connection, selectors.EVENT_READ, self._ready)
         self._loop.later(HANDSHAKE_SECONDS, self._refuse_without_header)
@@ -61,9 +61,9 @@ class Peer:
         on_frame: Callable[[memoryview], None] | None,
         on_close: Callable[[Peer], None],
     ) -> None:
-        """Answer its header; from now on at most `depth` frames wait, without the oldest.
+        """Answer its header. From now on at most `depth` frames wait; the oldest are dropped.
 
-        `on_frame` gets what it sends; None: that is passed over.
+        `on_frame` is called with its frames; None: they are ignored.
         """
         self._begun = memoryview(header)
         self._waiting = deque(maxlen=depth)
@@ -73,7 +73,7 @@ class Peer:
         self.send(None)
 
     def refuse(self, reason: str) -> None:
-        """Send the reason of the refusal, if possible at once, and close."""
+        """Send the reason of the refusal, if that is possible at once, and close."""
         LOG.warning("refused a connection of %s: %s", self.name or "a peer", reason)
         try:
             self._connection.send(encode_header({"error": reason}))
@@ -82,7 +82,7 @@ class Peer:
         self.close()
 
     def send(self, data: bytes | None) -> None:
-        """Send a frame now, or when there is room; None: send the waiting ones."""
+        """Send a frame, now or when the socket has space. None: send the waiting frames."""
         with self._lock:
             if self._closed:
                 return
@@ -114,7 +114,7 @@ class Peer:
             self._on_close(self)
 
     def _flush(self) -> bool:
-        """Send until nothing waits (True) or the socket is full."""
+        """Send until no frame waits (True) or the socket is full (False)."""
         while True:
             if self._begun is None:
                 if not self._waiting:
@@ -165,8 +165,8 @@ class Peer:
 class AdvertisedTopic:
     """A topic that the node publishes.
 
-    Threads: any. `publish` never waits for a subscriber: its frames wait, at most `depth` of them
-    (the oldest go), and the loop's thread sends them.
+    Threads: any. `publish` does not wait for subscribers. At most `depth` frames of a subscriber
+    wait (beyond that the oldest are dropped), and the loop's thread sends them.
     """
 
     def __init__(self, name: str, kind: Kind, node: str, *, latched: bool, depth: int) -> None:
@@ -175,9 +175,9 @@ class AdvertisedTopic:
         self.kind = kind
         """Type of its messages."""
         self.latched = latched
-        """Whether late joiners get the last message."""
+        """Whether nodes that join later get the last message."""
         self.depth: int = max(1, depth)
-        """How many messages may wait for each."""
+        """Largest number of waiting messages per subscriber."""
         self._header = encode_header(
             {
                 "callerid": node,
@@ -200,7 +200,7 @@ class AdvertisedTopic:
             return [peer.name for peer in self._peers]
 
     def publish(self, data: bytes, sender: object) -> None:
-        """Send one message to all; late joiners get the last of each sender. Raises NodeClosed."""
+        """Send one message to all; store the last one of each sender. Raises NodeClosed."""
         whole = frame(data)
         with self._lock:
             if self._closed:
@@ -211,7 +211,7 @@ class AdvertisedTopic:
                 peer.send(whole)
 
     def accept(self, peer: Peer, fields: dict[str, str]) -> None:
-        """Take a subscriber, by its header."""
+        """Accept a subscriber by its header."""
         wanted = fields.get("md5sum", "")
         if wanted not in {ANY, self.kind.md5sum}:
             peer.refuse(
@@ -229,7 +229,7 @@ class AdvertisedTopic:
                 peer.send(whole)
 
     def forget(self, sender: object) -> None:
-        """Keep its last message no more."""
+        """Drop its last message."""
         with self._lock:
             self._last.pop(sender, None)
 
@@ -248,7 +248,7 @@ class AdvertisedTopic:
 
 
 class ServedName:
-    """A service that the node answers, one request after the other, in a thread of its own.
+    """A service of the node, which answers one request at a time in its own thread.
 
     Threads: any.
     """
@@ -274,7 +274,7 @@ class ServedName:
         threading.Thread(target=self._run, name=f"tfdb ROS service {name}", daemon=True).start()
 
     def accept(self, peer: Peer, fields: dict[str, str]) -> None:
-        """Take a client, by its header."""
+        """Accept a client by its header."""
         wanted = fields.get("md5sum", "")
         if wanted not in {ANY, self._md5sum}:
             peer.refuse(f"{self.name} has the md5sum {self._md5sum}, and {wanted or '?'} is wanted")
@@ -284,7 +284,7 @@ class ServedName:
         peer.go_on(self._header, None, lambda data: self._ask(peer, data), self._forget)
 
     def close(self) -> None:
-        """Answer no more."""
+        """Stop answering."""
         self._asked.put(None)
         with self._lock:
             peers, self._peers = list(self._peers), {}
@@ -320,18 +320,18 @@ class ServedName:
 
 
 class TcprosServer:
-    """The port of a node, where others connect to its topics and services.
+    """The port of a node for connections to its topics and services.
 
-    Threads: `address` any, the rest the loop's.
+    Threads: any may read `address`; only the loop's thread calls the others.
 
     Parameters
     ----------
     loop
-        Looks after all connections.
+        The loop that handles all connections.
     host
-        Interface to listen on; "" is every one.
+        Interface to listen on; "": all interfaces.
     accept
-        Gets each peer with the fields of its header.
+        Called with each peer and the fields of its header.
     """
 
     def __init__(
@@ -341,7 +341,7 @@ class TcprosServer:
         self._listener = socket.create_server((host, 0), backlog=128)
         self._listener.setblocking(False)  # noqa: FBT003
         self.port: int = self._listener.getsockname()[1]
-        """Where it listens."""
+        """Port on which it listens."""
         self._watch()
 
     def _watch(self) -> None:

@@ -31,22 +31,22 @@ KEEP_ALIVE = {"TCP_KEEPIDLE": 60, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 9}
 
 
 class _RefusedError(Exception):
-    """A publisher refused, or sends another type; the text is the reason."""
+    """A publisher refused the connection, or sends another type; the text is the reason."""
 
 
 class Link:
-    """Connection to one publisher, made anew whenever it ends.
+    """A connection to one publisher; if it ends, it is opened again.
 
-    Threads: it receives in a thread of its own; `start` and `close` may be called by any.
+    Threads: it receives in its own thread; any may call `start` and `close`.
     """
 
     def __init__(self, topic: SubscribedTopic, uri: str) -> None:
         self.publisher: str = ""
-        """Name of the publisher's node, once it has said so."""
+        """Name of the publisher's node, once its header has arrived."""
         self.connected: bool = False
-        """Whether messages can come."""
+        """Whether the connection is open."""
         self.last: bytes | None = None
-        """The last message of a publisher that latches."""
+        """The last message of a latching publisher."""
         self._topic, self._uri = topic, uri
         self._told: set[str] = set()
         self._latching = False
@@ -61,7 +61,7 @@ class Link:
         self._thread.start()
 
     def close(self) -> None:
-        """Disconnect; `join` waits for the end."""
+        """Disconnect; `join` waits for the end of the thread."""
         self._closing.set()
         connection = self._connection
         if connection is not None:
@@ -71,7 +71,7 @@ class Link:
                 LOG.debug("%s had ended before: %s", self._uri, error)
 
     def join(self, seconds: float) -> None:
-        """Wait for the thread, unless it is the one that calls."""
+        """Wait for the thread, unless it is the calling one."""
         if self._thread.ident is not None and self._thread is not threading.current_thread():
             self._thread.join(seconds)
 
@@ -114,7 +114,7 @@ class Link:
             self._told.add(kind)
 
     def _connect(self) -> socket.socket:
-        """Ask the publisher where it serves the topic, and connect."""
+        """Request the address of the topic from the publisher, and connect."""
         topic = self._topic
         code, message, value = call(self._uri, "requestTopic", topic.node, topic.name, [["TCPROS"]])
         if code != 1:
@@ -149,10 +149,10 @@ class Link:
 
 
 class SubscribedTopic:
-    """A topic with all its publishers, and those in this process who listen.
+    """A topic with its publishers, and its subscribers in this process.
 
-    Threads: any. One callback at a time is called, by the thread of the connection that the message
-    came from; a callback that waits holds up this topic alone.
+    Threads: any. One callback runs at a time, in the thread of the connection that received the
+    message. A callback that waits delays only this topic.
     """
 
     def __init__(self, name: str, kind: Kind, node: str, callback: OnMessage) -> None:
@@ -163,7 +163,7 @@ class SubscribedTopic:
         self.node = node
         """Full name of the node."""
         self.users = 1
-        """How many listen, or are about to; the node counts them."""
+        """Number of subscribers, including those that are being added; the node counts them."""
         self.header: bytes = encode_header(
             {
                 "callerid": node,
@@ -174,7 +174,7 @@ class SubscribedTopic:
                 "type": kind.name,
             }
         )
-        """What each publisher is told."""
+        """The header for each publisher."""
         self._turn = threading.RLock()  # of the callbacks
         self._lock = threading.Lock()  # of the links, and of changes of the callbacks
         self._callbacks: tuple[OnMessage, ...] = (callback,)
@@ -189,9 +189,9 @@ class SubscribedTopic:
             return {uri: link.publisher for uri, link in self._links.items() if link.connected}
 
     def deliver(self, publisher: str, keeper: Link | None, data: memoryview) -> None:
-        """Call all callbacks with a message, which `keeper` keeps for those that come later.
+        """Call all callbacks with a message; `keeper` stores it for later callbacks.
 
-        What they raise is logged once for each publisher.
+        Their exceptions are logged once for each publisher.
         """
         with self._turn:
             if keeper is not None:
@@ -203,7 +203,7 @@ class SubscribedTopic:
                     self._log_error(error, callback, publisher)
 
     def add(self, callback: OnMessage) -> None:
-        """Call it from now on, at once with the last messages of publishers that latch."""
+        """Add a callback, and call it at once with the last messages of latching publishers."""
         with self._turn:
             with self._lock:
                 self._callbacks = (*self._callbacks, callback)
@@ -216,7 +216,7 @@ class SubscribedTopic:
                         self._log_error(error, callback, publisher)
 
     def remove(self, callback: OnMessage) -> None:
-        """Call it no more."""
+        """Remove a callback."""
         with self._lock:
             kept = list(self._callbacks)
             if callback in kept:
@@ -224,7 +224,7 @@ class SubscribedTopic:
             self._callbacks = tuple(kept)
 
     def update(self, uris: Iterable[str]) -> None:
-        """Take these publishers, and no others."""
+        """Connect to these publishers only."""
         with self._lock:
             if self._closed:
                 return
@@ -238,7 +238,7 @@ class SubscribedTopic:
             link.close()
 
     def close(self, seconds: float) -> None:
-        """Disconnect from all, and wait so long at most for callbacks that run."""
+        """Disconnect from all publishers; wait up to that time for running callbacks."""
         with self._lock:
             self._closed = True
             links, self._links = list(self._links.values()), {}

@@ -1,4 +1,4 @@
-"""Times of any ROS library as integer nanoseconds, and their side of ROS."""
+"""Times of any ROS library as integer nanoseconds, and whether they are of ROS 1 or ROS 2."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ WANTED = {
 
 
 def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> int:
-    """Nanoseconds of a time or duration; a float is used only where there is nothing else.
+    """Return the nanoseconds of a time or duration. A float is used only if no exact value exists.
 
-    Takes integers (nanoseconds), `builtin_interfaces` and `rclpy` times and durations, those of
-    rospy and genpy, and ours. Raises TypeError, with tf2's words, for anything else, and for a time
-    whose parts are not integers: a stamp is exact, so nothing is cut off.
+    Takes integers (nanoseconds), and times and durations of `builtin_interfaces`, rclpy, rospy,
+    genpy and tfdb. Raises TypeError with tf2's text for other objects, and for times whose parts
+    are not integers: stamps are exact, so they are not rounded.
     """
     if type(time) is int:
         return time
@@ -42,9 +42,9 @@ def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> 
 
 
 def duration(value: Any, flavor: Flavor | None = None, role: str = "duration") -> int:
-    """Nanoseconds of a duration of any ROS, or of ours; a number is seconds, as all over tfdb.
+    """Return the nanoseconds of a duration of any ROS or tfdb; numbers are in seconds.
 
-    Raises TypeError, with tf2's words, for anything else; InvalidArgument for a number that is
+    Raises TypeError with tf2's text for other objects; InvalidArgument for a number that is
     negative or not finite.
     """
     if not isinstance(value, bool) and isinstance(value, Real):
@@ -53,14 +53,14 @@ def duration(value: Any, flavor: Flavor | None = None, role: str = "duration") -
 
 
 def _whole(value: Any, part: str) -> int:
-    """Take a part of a time that must be an integer."""
+    """Return a part of a time, which must be an integer."""
     if isinstance(value, bool) or not hasattr(value, "__index__"):
         raise TypeError(f"{part} of a time must be an integer, got {value!r}")
     return operator.index(value)
 
 
 def _of_object(time: Any) -> int | None:
-    """Nanoseconds of what is not a message of ROS 2; None if it is not a time."""
+    """Return the nanoseconds of an object that is not a ROS 2 message; None if it is not a time."""
     if isinstance(time, bool | timedelta):
         return None
     if hasattr(time, "secs") and hasattr(time, "nsecs"):
@@ -80,7 +80,7 @@ def _of_object(time: Any) -> int | None:
 
 
 def flavor_of(time: object) -> Flavor | None:
-    """Side of ROS that a time is from; None: what could be of both, as ours, and integers."""
+    """Return whether a time is of ROS 1 or ROS 2; None: it may be of both, like an integer."""
     ros1 = hasattr(time, "secs") or hasattr(time, "to_sec")
     ros2 = hasattr(time, "nanosec") or hasattr(time, "nanoseconds")
     if ros1 == ros2:

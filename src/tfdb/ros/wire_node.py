@@ -1,4 +1,4 @@
-"""A node of ROS 2 without a package of ROS: names, clock and callbacks. A link carries bytes."""
+"""A ROS 2 node without ROS packages: names, clock and callbacks. A link carries the bytes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["Link", "Topic", "WireNode"]
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic as an endpoint opens it."""
+    """The topic of an endpoint."""
 
     name: str
     kind: Kind
@@ -37,7 +37,7 @@ class Topic:
 
 
 class Opened(Protocol):
-    """An endpoint."""
+    """An open endpoint."""
 
     def close(self) -> None:
         """End it."""
@@ -57,7 +57,7 @@ class Link(Protocol):
     graph: str
     """Name of the graph."""
     gids: set[bytes]
-    """Those of its publishers, also of closed ones."""
+    """Gids of its publishers, including closed ones."""
 
     def hear(self, topic: Topic, take: Callable[[bytes, str], None]) -> Opened:
         """Call `take(data, sender)` for each message of a topic, in their order."""
@@ -70,10 +70,10 @@ class Link(Protocol):
 
 
 class WireNode(Closable):
-    """A node of ROS 2 over a `Link`, which it closes, also where it raises.
+    """A ROS 2 node over a `Link`. It closes the link, even if its constructor raises.
 
-    Threads: any may call anything. A topic's callback is called by a thread of its subscription: a
-    callback that waits holds up its own subscription alone.
+    Threads: any may call anything. Each subscription has a thread for its callback, so a callback
+    that waits delays only its own subscription.
     """
 
     flavor: Flavor = "ros2"
@@ -115,9 +115,9 @@ class WireNode(Closable):
     ) -> Subscription:
         """Call `on_message(data, publisher)` for each message of a topic, in their order.
 
-        `publisher` is the name of the publisher's node. If no token names it, it is the
-        publisher's gid in hexadecimal digits. Of more than `depth` waiting messages the oldest
-        are dropped. Raises InvalidName, InvalidArgument, NodeClosed.
+        `publisher` is the name of the publisher's node. If no token names it, it is the publisher's
+        gid in hexadecimal digits. Beyond `depth` waiting messages the oldest are dropped. Raises
+        InvalidName, InvalidArgument, NodeClosed.
         """
         _refuse_profile(qos)
         wanted = Topic(self._names.resolve(topic), kind_of(kind), latched, depth)
@@ -144,7 +144,7 @@ class WireNode(Closable):
         depth: int = 100,
         qos: Any = None,
     ) -> Publisher:
-        """Offer a topic. Late joiners get the last `depth` messages if it is latched.
+        """Offer a topic. If it is latched, nodes that join later get the last `depth` messages.
 
         Raises InvalidName, InvalidArgument, NodeClosed.
         """
@@ -161,7 +161,7 @@ class WireNode(Closable):
         raise NotSupported(f"the service {name} needs a node of rclpy; {self.name} has topics only")
 
     def now(self) -> int:
-        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`.
+        """Nanoseconds by the node's clock: the system's, or /clock with `use_sim_time`.
 
         The latter is 0 before the first message on /clock.
         """
@@ -179,7 +179,7 @@ class WireNode(Closable):
 
     @property
     def senders(self) -> frozenset[str]:
-        """Publishers that other nodes name for messages of this one: its name, and gids."""
+        """Publisher names of this node's messages at other nodes: its name and its gids."""
         return frozenset({self.name, *(gid.hex() for gid in self._link.gids)})
 
     @property
@@ -190,7 +190,7 @@ class WireNode(Closable):
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
         """Call `called(now)` whenever simulated time is set, and once when the node ends.
 
-        At once where it has ended.
+        If the node has already ended, call it at once.
         """
         listener = _Entity(self, called=called)
         with self._lock:
@@ -201,7 +201,7 @@ class WireNode(Closable):
         return listener
 
     def close(self) -> None:
-        """Close the node, with all that was opened. Again: nothing happens."""
+        """Close the node and all its entities. A second call does nothing."""
         with self._lock:
             if self._ended:
                 return
@@ -258,7 +258,7 @@ class _Entity:
         self._node, self._end = node, opened
 
     def close(self) -> None:
-        """End it. Again: nothing happens."""
+        """Close the entity. A second call does nothing."""
         opened, self._end = self._end, None
         self._node._forget(self)
         if opened is not None:
@@ -282,7 +282,7 @@ class _Publisher(_Entity):
             self._sender.send(bytes(data))
 
     def close(self) -> None:
-        """End it, after the message that another thread sends."""
+        """Close the publisher, after a message that another thread is sending."""
         with self._lock:
             super().close()
 

@@ -1,4 +1,4 @@
-"""Zenoh below a node of ROS 2: the one file of this room that imports it."""
+"""Zenoh for a ROS 2 node; the only file of this room that imports Zenoh."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _MOST_NAMES = 10_000
 
 
 def gid_of(text: str) -> bytes:
-    """The gid of an endpoint: a hash of its token, as rmw_zenoh's."""
+    """Return the gid of an endpoint: a hash of its token, as in rmw_zenoh."""
     found: int = xxhash.xxh3_128_intdigest(text.encode())
     return found.to_bytes(16, "little")
 
 
 def _configuration(router: str | None) -> tuple[Any, str]:
-    """Configuration of a session, and where it connects. Raises InvalidArgument."""
+    """Return the configuration of a session, and its router. Raises InvalidArgument."""
     file = "" if router else os.environ.get("ZENOH_SESSION_CONFIG_URI", "")
     override = os.environ.get("ZENOH_CONFIG_OVERRIDE", "")
     where = file or router or _ROUTER
@@ -145,13 +145,13 @@ class ZenohGraph:
         self._session.close()
 
     def key_of(self, topic: Topic) -> str:
-        """Key of a topic's messages of the wanted type."""
+        """Return the key for a topic's messages of the wanted type."""
         return topic_key(self._domain, topic.name, topic.kind)
 
     def node_of(self, gid: bytes) -> str:
-        """Name of a publisher's node; its gid where no token of it is there.
+        """Return the name of a publisher's node, or its gid if it has no token.
 
-        Also its gid if the node is another one with the name of this one.
+        Also return the gid if another node has the name of this one.
         """
         if gid in self.gids:
             return self._names.node
@@ -165,7 +165,7 @@ class ZenohGraph:
         return found
 
     def _ask(self) -> None:
-        """Read who publishes."""
+        """Query the tokens of publishers."""
         with suppress(zenoh.ZError):  # the session was closed
             replies: Any = self._session.liveliness().get(
                 publishers(self._domain), timeout=_PATIENCE
@@ -199,7 +199,7 @@ class _Hearing:
     def __init__(self, graph: ZenohGraph, topic: Topic, take: Callable[[bytes, str], None]) -> None:
         self._graph, self._topic, self._take = graph, topic, take
         self.declared: tuple[Any, ...] = ()
-        """What `close` takes back."""
+        """The declarations that `close` ends."""
         self._is_closed = False
         # Of more messages than these, the oldest are dropped.
         self._waiting: deque[Any] = deque(maxlen=max(topic.depth, 1))
@@ -220,7 +220,7 @@ class _Hearing:
             self._thread.join(1.0)  # a callback may wait
 
     def put(self, sample: Any) -> None:
-        """Let the thread take a sample. A thread of Zenoh calls it."""
+        """Pass a sample to the thread. A thread of Zenoh calls it."""
         with self._wake:
             self._waiting.append(sample)
             self._wake.notify()

@@ -22,26 +22,26 @@ __all__ = [
 
 GID_SIZE = 16
 NO_HASH = "TypeHashNotSupported"
-"""In place of a hash, by nodes of Humble."""
+"""Used in place of a hash by nodes of Humble."""
 _HEAD = struct.Struct("<qqB")
 _PARTS = (13, 14)
-"""Of a publisher's token. The last of fourteen, since Lyrical, is `backends:...`."""
+"""Number of parts in a publisher's token. Since Lyrical the fourteenth is `backends:...`."""
 _TOKENS = "@ros2_lv"
 
 
 @dataclass(frozen=True)
 class Attachment:
-    """What comes with each message."""
+    """The attachment of each message."""
 
     number: int
-    """Among those of its publisher, from 1 on."""
+    """Sequence number at its publisher, from 1."""
     time: int
-    """When it was sent, nanoseconds."""
+    """Time of sending, nanoseconds."""
     gid: bytes
-    """Of its publisher."""
+    """Gid of its publisher."""
 
     def encode(self) -> bytes:
-        """Bytes of it."""
+        """Return its bytes."""
         return _HEAD.pack(self.number, self.time, GID_SIZE) + self.gid
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""A node of ROS 2 in a graph of rmw_zenoh, without a package of ROS."""
+"""A ROS 2 node in a graph of rmw_zenoh, without ROS packages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["ZenohNode"]
 
 
 class ZenohNode(WireNode):
-    """A node in a graph of rmw_zenoh: topics and a clock, over PyPI's eclipse-zenoh.
+    """A node in a graph of rmw_zenoh, with topics and a clock. It uses the package eclipse-zenoh.
 
     It sends and receives `tf2_msgs/TFMessage`, `rosgraph_msgs/Clock` and
     `diagnostic_msgs/DiagnosticArray`. Messages with an unexpected type hash or attachment are

@@ -1,4 +1,4 @@
-"""tf2's names on a store of tfdb, with and without ROS.
+"""The calls of tf2 on a store of tfdb, with and without ROS.
 
     >>> from tfdb import tf2
     >>> from tfdb.tf2 import msgs
@@ -9,8 +9,8 @@
     >>> core.lookup_transform_core("map", "base", msgs.Time()).transform.translation.x
     1.5
 
-A lookup of target and source gives T[target<-source]: p_target = T p_source. What differs from tf2
-on purpose is listed in `tfdb.tf2.differences`.
+A lookup of target and source returns T[target<-source]: p_target = T p_source.
+`tfdb.tf2.differences` lists the intended differences from tf2.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ __all__ = [
 ]
 
 _MODULES = ("differences", "tf1")
-"""Imported when they are used."""
+"""Modules that are imported at their first use."""
 
 belong_to(__name__, globals(), __all__)
 

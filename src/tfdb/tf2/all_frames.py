@@ -41,7 +41,7 @@ def in_dot(*lines: str) -> str:
 
 
 def in_seconds(stamp: int, digits: int) -> str:
-    """Write a stamp as in tf2's listings: from a float, so that halves are rounded as there."""
+    """Write a stamp as in tf2's listings: from a float, so that it is rounded as in tf2."""
     whole, rest = divmod(stamp, SECOND)
     return f"{whole + 1e-9 * rest:.{digits}f}"
 

@@ -47,16 +47,16 @@ NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
 class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     """A store of transforms with the calls of `tf2_ros.Buffer`.
 
-    Any number of threads may use it at once. Any thread may fill the buffer, without a dedicated
-    one; the missing transform wakes a wait, without polling. The end of the node, also by a
-    signal, ends a wait as its timeout would.
-    In ROS 2 a timeout is wall time, as upstream. In ROS 1 it is time of `clock`, which may be
-    simulated. A wait also ends if that clock jumps back by more than 3 s, as when a bag restarts.
+    Any number of threads may use it at once, and any thread may fill it. The missing transform
+    wakes a wait, without polling. If the node ends, even by a signal, a wait ends with the error of
+    its timeout. In ROS 2 a timeout is wall time, as upstream. In ROS 1 it is measured by `clock`,
+    which may be simulated. A wait also ends if that clock jumps back by more than 3 s, as when a
+    bag restarts.
 
     Parameters
     ----------
     cache_time
-        A duration: the history of each edge before its newest sample. None: 10 s.
+        A duration: how long samples are kept, relative to the newest of their edge. None: 10 s.
     node
         A node of rclpy or of `tfdb.ros`. It is the `clock`, and offers the service `tf2_frames` (in
         ROS 1 for its first buffer only). None: rospy's node in a program of rospy, otherwise none.
@@ -64,18 +64,18 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     debug
         False: offer no service.
     store
-        Name of a shared store: all processes can look up what one of them receives. A missing store
-        is made; an existing one keeps its own history.
+        Name of a shared store: all processes can look up the transforms that one of them receives.
+        A missing store is created; an existing one keeps its own history.
     flavor
-        `ros1` or `ros2`: the rules and texts to follow. None: those of the node, of `cache_time`,
-        of the first stamp, or of the installed ROS.
+        `ros1` or `ros2`: whose rules and texts to follow. None: detected from the node, from
+        `cache_time`, from the first stamp, or from the installed ROS.
     buffer
         The store, in place of a new or named one.
     clock
-        The node whose clock ends waits in ROS 1. None: that of `node`, of the listener that fills
-        the buffer, or the system's.
+        In ROS 1, the node whose clock measures timeouts. None: `node`, or the node of the listener
+        that fills the buffer, otherwise the system's clock.
 
-    Raises InvalidArgumentException for arguments that exclude each other.
+    Raises InvalidArgumentException for arguments that cannot be combined.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
 
     @property
     def clock(self) -> Node | None:
-        """Node whose end (and, in ROS 1, clock) ends waits; None until a listener sets it."""
+        """Node whose end, and in ROS 1 whose clock, ends waits; None until a listener sets it."""
         return self._clock
 
     @clock.setter
@@ -279,8 +279,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         Returns
         -------
         int
-            A handle; 0: the transform is available now; 2^64 - 1: `time` is out of the cache, so it
-            can never be. In these two cases the function is not called.
+            A handle. 0: the transform is available now. 2^64 - 1: `time` is before the cache, so
+            the transform can never become available. In both cases the function is not called.
 
         Raises InvalidArgumentException for names and times that no transform can have.
         """
@@ -342,7 +342,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         return found
 
     def _block(self, question: Question | Full, deadline: Deadline | None) -> bool:
-        """Wait until a lookup can succeed; False: the deadline passed."""
+        """Wait until a lookup can succeed; False: the deadline has passed."""
         left = None if deadline is None else deadline.left()
         if left == 0:
             return False
@@ -379,7 +379,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         tell: Callable[[waiting.End], None],
         loop: Any = None,
     ) -> waiting.Wait | None:
-        """Begin a wait for a lookup; None: it succeeds already."""
+        """Begin a wait for a lookup; None: the lookup already succeeds."""
         store = self.buffer
         if len(question) == 3:
             target, source, stamp = question
@@ -405,7 +405,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     ) -> TransformableResult | None:
         """Begin waits until a transform is available or out of the cache; return the current state.
 
-        `hold` gets each wait. `tell` gets the final state, or None if the buffer was closed.
+        `hold` is called with each wait. `tell` is called with the final state, or None if the
+        buffer was closed.
         """
         available, failure = TransformableResult
         store = self.buffer
@@ -429,7 +430,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         return None
 
     def _future(self, question: Question | Full, ask: Callable[[], Any], timeout: Any) -> Any:
-        """Make a future of a lookup's result, which `ask` returns or raises."""
+        """Make a future for the result or error of a lookup, which `ask` makes."""
         limit = None if timeout is None else self._limit(timeout)
         held: list[Any] = []  # the wait, and its timer
 

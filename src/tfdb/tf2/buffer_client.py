@@ -55,14 +55,14 @@ class BufferClient(BufferInterface):
     Parameters
     ----------
     node
-        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
-        without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's node; after `rclpy.init` a new rclpy node;
+        otherwise a node without ROS.
     ns
         Name of the server's action, such as `tf2_buffer_server`.
     check_frequency
         Accepted as in tf2, without effect.
     timeout_padding
-        A duration: time that the answer of a lookup may take beyond its timeout. None: 2 s.
+        A duration: how much longer than its timeout a lookup may take. None: 2 s.
     """
 
     def __init__(self, *given: Any, node: Any = None, **named: Any) -> None:
@@ -75,15 +75,15 @@ class BufferClient(BufferInterface):
         arguments = _arguments(given, named)
         self._node: Node = node_for(node)
         self.node: Any = native_node(self._node)
-        """The node of rclpy or `tfdb.ros` that it asks from."""
+        """The node of rclpy or `tfdb.ros` that sends the lookups."""
         padding = arguments.get("timeout_padding")
         self.timeout_padding = padding
-        """Its arguments for that."""
+        """The argument of this name."""
         self._padding = PADDING if padding is None else duration(padding, None, "timeout_padding")
         if arguments.get("check_frequency") is not None and self._node.flavor == "ros1":
             LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
         self.check_frequency: Any = arguments.get("check_frequency")
-        """As given."""
+        """The argument of this name."""
         self._ns = action_name(arguments["ns"])
         self._transport = client_in(self._node, self._ns)
         if self._node.flavor == "ros2":
@@ -92,7 +92,7 @@ class BufferClient(BufferInterface):
 
     @cached_property
     def client(self) -> Any:
-        """In rospy: a SimpleActionClient of actionlib to the same server, made when first used.
+        """In rospy: actionlib's SimpleActionClient of the same server, created at the first use.
 
         Raises AttributeError unless the process is a node of rospy.
         """
@@ -166,7 +166,7 @@ class BufferClient(BufferInterface):
     ) -> Any:
         """Whether `lookup_transform` succeeds.
 
-        `return_debug_tuple`: return (whether, why not).
+        With `return_debug_tuple`, return (success, reason).
         """
         try:
             self.lookup_transform(target_frame, source_frame, time, timeout)

@@ -70,10 +70,10 @@ class BufferCore(CoreCalls):
     Parameters
     ----------
     cache_time
-        A duration: the history of each edge before its newest sample. None: 10 s.
+        A duration: how long samples are kept, relative to the newest of their edge. None: 10 s.
     flavor
-        `ros1` or `ros2`: the rules and texts to follow. None: found from `cache_time`, the first
-        stamp, or the installed ROS; otherwise `ros2`.
+        `ros1` or `ros2`: whose rules and texts to follow. None: detected from `cache_time`, the
+        first stamp, or the installed ROS; otherwise `ros2`.
     buffer
         The store; None: a new one. It has its own history, so `cache_time` must be None.
 
@@ -115,7 +115,7 @@ class BufferCore(CoreCalls):
 
     @property
     def flavor(self) -> Flavor:
-        """The flavor of rules and texts, passed or detected."""
+        """The ROS version whose rules and texts apply: given, or detected."""
         return self._flavor or installed() or "ros2"
 
     def _nanoseconds(self, time: Any) -> int:
@@ -176,7 +176,7 @@ class BufferCore(CoreCalls):
         )
 
     def _store(self, write: refusals.Write, *, static: bool) -> bool:
-        """Store it by the rules of the flavor; False if it was refused."""
+        """Store a transform by the rules of the flavor; False if it was refused."""
         store = self._store_ros1 if self.flavor == "ros1" else self._store_ros2
         try:
             waiting.write(self._buffer, lambda: store(write, static=static))
@@ -207,7 +207,7 @@ class BufferCore(CoreCalls):
         return True
 
     def _store_ros1(self, write: refusals.Write, *, static: bool) -> None:
-        """Store it by ROS 1's rules: a frame keeps its first kind, and a stamp its first value."""
+        """Store by ROS 1's rules: a frame keeps its first kind, and a stamp its first value."""
         buffer, parent, child = self._buffer, write.parent, write.child
         pose, authority = (write.translation, write.rotation), write.authority
         if static and not self._was_cleared(child):
@@ -229,7 +229,7 @@ class BufferCore(CoreCalls):
         return self._buffer.frame_exists(frame) and self._buffer.frame_info(frame).cleared
 
     def _store_ros2(self, write: refusals.Write, *, static: bool) -> None:
-        """Store it by ROS 2's rules: a frame gets the new kind, and a stamp its last value."""
+        """Store by ROS 2's rules: a frame gets the new kind, and a stamp its last value."""
         parent, child, pose = write.parent, write.child, (write.translation, write.rotation)
         buffer, authority = self._buffer, write.authority
         if static:
@@ -307,7 +307,7 @@ class BufferCore(CoreCalls):
         source_time: Any,
         fixed_frame: str,
     ) -> tuple[int, str]:
-        """Whether `lookup_transform_full_core` has an answer: (1, '') or (0, why not)."""
+        """Whether `lookup_transform_full_core` succeeds: (1, '') or (0, reason)."""
         target_stamp = self._nanoseconds(target_time)
         source_stamp = self._nanoseconds(source_time)
         names = _by_role(target_frame, source_frame, fixed_frame)
@@ -418,7 +418,7 @@ class BufferCore(CoreCalls):
         return all_frames.as_string(self._buffer.tree())
 
     def _allFramesAsDot(self, time: Any = None) -> str:  # noqa: N802 - tf2's name
-        """Return the tree as a graph for dot; with `time` also how old each edge is."""
+        """Return the tree as a DOT graph; with `time`, also the age of each edge."""
         stamp = None if time is None else self._nanoseconds(time)
         return all_frames.as_dot(self._buffer.tree(), stamp)
 
@@ -493,7 +493,7 @@ class BufferCore(CoreCalls):
         return refusals.reason(failure, self.flavor, target, source)
 
     def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
-        """Return a transform that is available by now, or raise tf2's error."""
+        """Return a transform if it is available by now, or raise tf2's error."""
         target, source, _ = question
         failure = lookup_failure(self._buffer, *question)
         if failure is not None:
@@ -522,7 +522,7 @@ class BufferCore(CoreCalls):
     def _name_fault(
         self, snapshot: Snapshot, names: dict[str, str], function: str
     ) -> tuple[str, str] | None:
-        """Return the first name without a frame, by role, and tf2's text for it."""
+        """Return the role of the first name without a frame, and tf2's text for it."""
         _check_text(names)
         for role, name in names.items():
             if not name or name.startswith("/"):
@@ -534,7 +534,7 @@ class BufferCore(CoreCalls):
     def _check_names(
         self, snapshot: Snapshot, names: dict[str, str], function: str, cause: TfdbError | None
     ) -> None:
-        """Raise tf2's error for the first of some names, by role, that names no frame."""
+        """Raise tf2's error for the first of some names, by role, without a frame."""
         fault = self._name_fault(snapshot, names, function)
         if fault is None:
             return

@@ -1,4 +1,4 @@
-"""`BufferInterface`: transform any registered object; the registries; conversion between types."""
+"""`BufferInterface`: transforms registered types; the registries; conversions between types."""
 
 # ruff: noqa: ARG002  (the methods that subclasses give)
 
@@ -65,7 +65,7 @@ def _callable(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class TransformRegistration:
-    """The transform function of each type; one table for the process."""
+    """The transform functions by type; one table for the process."""
 
     _functions: ClassVar[dict[Any, Callable[[Any, Any], Any]]] = {}
 
@@ -74,7 +74,7 @@ class TransformRegistration:
         print(self._functions)
 
     def add(self, key: type | str, callback: Callable[[Any, Any], Any]) -> None:
-        """Let `callback(object, transform)` transform objects of a type.
+        """Register `callback(object, transform)`, which transforms objects of a type.
 
         `key` is a class, or the name of a message such as `geometry_msgs/PointStamped`, which
         stands for the classes of that name in ROS 1, ROS 2 and tfdb.
@@ -94,15 +94,15 @@ class ConvertRegistration:
     _convert: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
 
     def add_from_msg(self, key: type | str, callback: Callable[[Any], Any]) -> None:
-        """Let `callback(message)` make objects of type `key`."""
+        """Register `callback(message)`, which makes objects of type `key`."""
         self._from_msg[key] = _callable(callback)
 
     def add_to_msg(self, key: type | str, callback: Callable[[Any], Any]) -> None:
-        """Let `callback(object)` make messages of objects of type `key`."""
+        """Register `callback(object)`, which makes messages of objects of type `key`."""
         self._to_msg[key] = _callable(callback)
 
     def add_convert(self, key: tuple[type, type], callback: Callable[[Any], Any]) -> None:
-        """Let `callback(object)` convert from the first type of `key` to the second."""
+        """Register `callback(object)`, a conversion from the first to the second type of `key`."""
         self._convert[key] = _callable(callback)
 
     def get_from_msg(self, key: type) -> Callable[[Any], Any]:
@@ -165,7 +165,7 @@ def with_header(obj: Any, header: Any) -> Any:
 
 @cache
 def _open_class(kind: type) -> type:
-    """Make a subclass whose objects take attributes."""
+    """Make a subclass whose objects can have attributes."""
     return type(kind.__name__, (kind,), {})
 
 
@@ -174,7 +174,7 @@ class BufferInterface:
 
     def __init__(self) -> None:
         self.registration: TransformRegistration = TransformRegistration()
-        """The table of functions that transform."""
+        """The table of transform functions."""
 
     def transform(
         self, object_stamped: Any, target_frame: str, timeout: Any = None, new_type: Any = None
@@ -226,7 +226,7 @@ class BufferInterface:
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
-        """T[target_frame<-source_frame], by a subclass."""
+        """T[target_frame<-source_frame]; a subclass implements it."""
         raise NotImplementedException
 
     def lookup_transform_full(
@@ -238,13 +238,13 @@ class BufferInterface:
         fixed_frame: str,
         timeout: Any = None,
     ) -> Any:
-        """T[target_frame<-source_frame] between two times, by a subclass."""
+        """T[target_frame<-source_frame] between two times; a subclass implements it."""
         raise NotImplementedException
 
     def can_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
-        """Whether `lookup_transform` would succeed, by a subclass."""
+        """Whether `lookup_transform` would succeed; a subclass implements it."""
         raise NotImplementedException
 
     def can_transform_full(
@@ -256,5 +256,5 @@ class BufferInterface:
         fixed_frame: str,
         timeout: Any = None,
     ) -> Any:
-        """Whether `lookup_transform_full` would succeed, by a subclass."""
+        """Whether `lookup_transform_full` would succeed; a subclass implements it."""
         raise NotImplementedException

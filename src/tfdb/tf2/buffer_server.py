@@ -25,10 +25,11 @@ __all__ = ["BufferServer"]
 
 
 class BufferServer(Closable):
-    """Answers the goals of `BufferClient`s of tfdb and of tf2, from a buffer.
+    """Answers the goals of the BufferClients of tfdb and tf2 from a buffer.
 
-    A goal with an available transform is answered at once. Another goal waits up to its timeout for
-    the commit of the transform, without polling. An error has tf2's code and text.
+    If the transform is available, a goal is answered at once. Otherwise the goal waits for the
+    commit of the transform, at most for its timeout, without polling. An error has tf2's code and
+    text.
 
     Any thread may call it.
 
@@ -39,12 +40,12 @@ class BufferServer(Closable):
     ns
         Name of the action, such as `tf2_buffer_server`.
     auto_start
-        Whether to accept goals at once, or after `start`.
+        True: accept goals at once. False: accept them after `start`.
     check_period
         Accepted as in tf2, without effect.
     node
-        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
-        without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's node; after `rclpy.init` a new rclpy node;
+        otherwise a node without ROS.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class BufferServer(Closable):
         refuse_without(buffer, "buffer", "a tfdb.tf2.Buffer", *needed)
         self.buffer = buffer
         self.node: Node = node_for(node)
-        """The node that it answers in."""
+        """The node of the server."""
         self._transport = server_in(self.node, action_name(ns))
         self._lock = threading.Lock()
         self._waiting: dict[Goal, Any] = {}

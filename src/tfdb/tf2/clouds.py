@@ -1,10 +1,10 @@
-"""PointCloud2 into another frame, as tf2_sensor_msgs; and de-skewed, point by point.
+"""Transforms PointCloud2 messages, as tf2_sensor_msgs does; de-skews them point by point.
 
-Clouds are those of either ROS or of `tfdb.tf2.msgs`, of any layout: fields in any order and at any
-offset, float32 or float64, either byte order, rows with padding, NaN points. The result is a new
-message of the same class and layout; all fields except positions and normals are equal to the byte.
-Normals are the fields `normal_x`, `normal_y`, `normal_z` or `nx`, `ny`, `nz`; they are rotated if
-all three are floating point numbers.
+Clouds are messages of ROS 1, ROS 2 or `tfdb.tf2.msgs`, of any layout: fields in any order and at
+any offset, float32 or float64, either byte order, rows with padding, NaN points. The result is a
+new message of the same class and layout. Positions and normals are transformed, all other bytes are
+equal. Normals are the fields `normal_x`, `normal_y`, `normal_z` or `nx`, `ny`, `nz`, if all three
+have floating-point numbers.
 """
 
 from __future__ import annotations
@@ -172,20 +172,20 @@ def _copied(field: Any) -> Any:
 
 
 def do_transform_cloud(cloud: Any, transform: Any) -> Any:
-    """Map a PointCloud2 into the target frame: p_target = T p_source, and normals rotated.
+    """Transform a PointCloud2 into the target frame: p_target = T p_source; normals are rotated.
 
     Parameters
     ----------
     cloud
-        A cloud of any layout; it is not changed. Coordinates that are not finite stay so.
+        A cloud of any layout; it is not changed. Coordinates that are not finite stay unchanged.
     transform
         T[target<-source]: a TransformStamped, a Transform, or a `tfdb.Transform`.
 
     Returns
     -------
     PointCloud2
-        Of the class and layout of `cloud`. Its header is a copy of the transform's (of the cloud's
-        for a Transform, which has none).
+        A cloud with the class and layout of `cloud`. Its header is a copy of the transform's
+        header, or of the cloud's if the transform has none.
 
     Raises InvalidArgumentException for an invalid transform, and for a cloud without x, y and z as
     floating point numbers or whose data contradict its header; `InvalidTransform`, with `index`, if
@@ -213,7 +213,7 @@ def deskew_cloud(
     fixed_frame: str | None = None,
     target_time: Any = None,
 ) -> Any:
-    """De-skew a PointCloud2: map each point by the transform at its own stamp.
+    """De-skew a PointCloud2: transform each point by the pose at its own stamp.
 
     p_target[i] = T[target<-source](t[i]) p_source[i], or with a fixed frame
     T[target<-fixed](target_time) T[fixed<-source](t[i]) p_source[i], all in one state; normals are
@@ -222,7 +222,7 @@ def deskew_cloud(
     Parameters
     ----------
     cloud
-        A cloud of any layout; it is not changed. A point that is not finite stays so.
+        A cloud of any layout; it is not changed. A point that is not finite stays unchanged.
     buffer
         A `tfdb.Buffer` or snapshot, or a buffer of `tfdb.tf2`, for the lookups.
     target_frame
@@ -232,18 +232,19 @@ def deskew_cloud(
     unit
         Unit of the field. None: seconds for floating point numbers, nanoseconds for integers.
     since
-        `header`: the times count from the stamp of the cloud's header; `epoch`: they are stamps.
+        `header`: times are relative to the stamp of the cloud's header; `epoch`: they are stamps.
     fixed_frame
-        A frame that does not move during the scan, for a target that does: the lidar's frame at one
-        stamp is `deskew_cloud(cloud, buffer, lidar, fixed_frame="odom")`.
+        A frame that does not move during the scan, needed if the target frame moves. For example,
+        `deskew_cloud(cloud, buffer, lidar, fixed_frame="odom")` returns the cloud in the lidar's
+        frame at one stamp.
     target_time
         With `fixed_frame`: stamp of the target. None: the stamp of the header.
 
     Returns
     -------
     PointCloud2
-        Of the class and layout of `cloud`. With a fixed frame it has the target's stamp, otherwise
-        that of `cloud`.
+        A cloud with the class and layout of `cloud`. With a fixed frame it has the stamp of the
+        target, otherwise that of `cloud`.
 
     Raises InvalidArgumentException as `do_transform_cloud`, and for a time field that is missing or
     not finite; and the errors of `tfdb.Buffer.transform_points`, with `index`, row by row.
@@ -273,7 +274,7 @@ def deskew_cloud(
 
 
 class _PointMapper:
-    """Maps points of a source frame, each at its stamp."""
+    """Transforms points of a source frame, each at its stamp."""
 
     def __init__(
         self,
@@ -302,7 +303,7 @@ def _check_word(name: str, value: object, words: Collection[str]) -> None:
 def _stamps(
     points: _Points, name: str, unit: str | None, since: str, wanted: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.int64]:
-    """Each point's stamp, (N,) nanoseconds; an unused point has that of a used one."""
+    """The stamp of each point, (N,) nanoseconds; unused points get the stamp of a used one."""
     import numpy as np
 
     _check_word("since", since, ("header", "epoch"))

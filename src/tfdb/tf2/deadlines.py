@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Deadline", "deadline_in", "stop_with", "wait_until"]
 
 JUMP = 3 * SECOND
-"""As tf2: a wait ends if simulated time jumps back by more, as at a restart of a bag."""
+"""As in tf2, a wait ends if simulated time jumps back by more than this, as when a bag restarts."""
 
 
 class Timer(Protocol):
@@ -32,7 +32,7 @@ class Timer(Protocol):
 
 
 class Deadline(Protocol):
-    """A time on some clock. Any thread may call it."""
+    """A time by some clock. Any thread may call it."""
 
     def left(self) -> int | None:
         """Nanoseconds left, 0 if it has passed; None: only the clock decides."""
@@ -92,9 +92,9 @@ class _SimulatedDeadline:
 
 
 def stop_with(node: Node, buffer: Buffer) -> None:
-    """End current and later waits on a buffer once a node ends, or a signal ends it.
+    """End all waits on a buffer, and later ones, once its node ends, even by a signal.
 
-    They end as by a timeout.
+    They end as after a timeout.
     """
     with _stopping:
         is_first = node not in _buffers

@@ -55,11 +55,11 @@ class ForwardExtrapolationException(ExtrapolationException):
 
 
 class NoDataForExtrapolationException(ExtrapolationException):
-    """The edge has one sample, of another stamp, or none."""
+    """The edge has no sample, or only one with another stamp."""
 
 
 class InvalidArgumentException(TransformException, InvalidArgument):
-    """An argument that tf2 refuses, such as a frame name that is empty or starts with a slash."""
+    """An argument that tf2 refuses, such as an empty name, or one that starts with a slash."""
 
 
 class TimeoutException(TransformException, WaitTimeout):

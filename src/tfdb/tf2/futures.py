@@ -28,7 +28,7 @@ NOT_DONE = (
 
 
 class _Awaited:
-    """Awaitable in a loop of asyncio, in an executor of rclpy, or in neither."""
+    """Can be awaited in an asyncio loop, in an rclpy executor, or in neither."""
 
     def __await__(self: Any) -> Generator[Any, None, Any]:
         try:
@@ -43,7 +43,7 @@ class _Awaited:
 
 
 def _end_in(loop: asyncio.AbstractEventLoop, future: Any) -> Generator[Any, None, None]:
-    """Wait for the end of a future that any thread completes, in a loop of asyncio."""
+    """Wait in an asyncio loop for a future that any thread may complete."""
     ended = loop.create_future()
 
     def tell(_: Any) -> None:
@@ -76,12 +76,12 @@ class _ThreadsFuture(_Awaited, concurrent.futures.Future[Any]):
             raise concurrent.futures.InvalidStateError(NOT_DONE)
 
     def result(self, timeout: float | None = None) -> Any:
-        """Return the transform or raise the error of the wait, within some seconds."""
+        """Return the transform, or raise the error of the wait; `timeout` is in seconds."""
         self._check_may_wait(timeout)
         return super().result(timeout)
 
     def exception(self, timeout: float | None = None) -> BaseException | None:
-        """Return the error of the wait, or None, within some seconds."""
+        """Return the error of the wait, or None; `timeout` is in seconds."""
         self._check_may_wait(timeout)
         return super().exception(timeout)
 
@@ -124,7 +124,7 @@ def _rclpys_future(base: Any) -> Any:
             self._end = threading.Lock()
 
         def _is_first(self) -> bool:
-            """Whether the caller is the first to end it."""
+            """Whether the caller is the first one to end the future."""
             return not self.done() and self._end.acquire(blocking=False)
 
         def complete(self, result: Any) -> None:

@@ -1,13 +1,14 @@
-"""Points, vectors, poses, wrenches and twists into another frame: tf2_geometry_msgs.
+"""Transforms points, vectors, poses, wrenches and twists, as tf2_geometry_msgs does.
 
-Each function takes a message of either ROS or of `tfdb.tf2.msgs`, with a header or without, and
-T[target<-source] as a TransformStamped of any of them, a Transform, or a `tfdb.Transform`. It
-returns a new message of the class of the one it was given; nothing is shared with what was given,
-and that stays as it is. Its header is a copy of the transform's (of the message's own for a
-Transform, which has none). Numbers that are not finite are taken as they are.
+Each function takes a message of ROS 1, ROS 2 or `tfdb.tf2.msgs`, with or without a header. It takes
+T[target<-source] as a TransformStamped of any of these, a Transform, or a `tfdb.Transform`. It
+returns a new message of the same class, which shares no data with the arguments. The arguments stay
+unchanged. The header of the result is a copy of the transform's header, or of the message's if the
+transform has none. Numbers that are not finite are accepted.
 
-All raise InvalidArgumentException for a transform that is not finite or whose quaternion has not
-the length one, and `tfdb.errors.InvalidTransform` where a finite point has no finite place.
+All raise InvalidArgumentException for a transform that is not finite, or whose quaternion does not
+have unit length. They raise `tfdb.errors.InvalidTransform` if the result for a finite point is not
+finite.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ KINDS = {
     "twist": ("Twist", "linear", "angular"),
     "polygon": ("Polygon", "points"),
 }
-"""Messages that are converted: their name and members."""
+"""Convertible messages, with their name and members."""
 
 
 def _begin(given: Any, kind: str, transform: Any) -> tuple[_core.Transform, Any, Any, Any]:
@@ -91,12 +92,12 @@ def _rotation_of(transform: _core.Transform) -> _core.Transform:
 
 
 def _apply(transform: _core.Transform, given: Any, made: Any) -> None:
-    """Put the place of one x, y, z into another."""
+    """Store the transformed x, y, z of one object in another."""
     made.x, made.y, made.z = transform.apply((given.x, given.y, given.z)).tolist()
 
 
 def _rotate_orientation(transform: _core.Transform, given: Any, made: Any) -> None:
-    """Put an orientation, turned along, into another; of length 0 it counts as the identity."""
+    """Store a rotated orientation in another; an orientation of length 0 counts as the identity."""
     x, y, z, w = given.x, given.y, given.z, given.w
     length = math.hypot(x, y, z, w)
     if length == 0.0:
@@ -111,7 +112,7 @@ def _rotate_orientation(transform: _core.Transform, given: Any, made: Any) -> No
 
 
 def _move_pose(transform: _core.Transform, given: Any, made: Any) -> None:
-    """Put the place of one pose into another."""
+    """Store the transformed pose in another."""
     _apply(transform, given.position, made.position)
     turned = made.orientation
     _rotate_orientation(transform, given.orientation, turned)
@@ -120,7 +121,7 @@ def _move_pose(transform: _core.Transform, given: Any, made: Any) -> None:
 
 
 def _leading(turn: Any, *, ros1: bool) -> float:
-    """Give the member that upstream returns positive: w in ROS 2, as KDL chooses in ROS 1."""
+    """Return the member that upstream makes positive: w in ROS 2, KDL's choice in ROS 1."""
     x, y, z, w = turn.x, turn.y, turn.z, turn.w
     if not ros1 or 4 * w * w - 1 > KDL_EPSILON:
         leading = w
@@ -132,7 +133,7 @@ def _leading(turn: Any, *, ros1: bool) -> float:
 
 
 def _shift(transform: _core.Transform, turned: Any, moved: Any) -> None:
-    """Add t x turned to `moved`: how a moment, or a velocity, changes with the point it is of."""
+    """Add t x `turned` to `moved`: the change of a moment or velocity with its reference point."""
     x, y, z = transform.translation.tolist()
     moved.x += y * turned.z - z * turned.y
     moved.y += z * turned.x - x * turned.z
@@ -140,24 +141,23 @@ def _shift(transform: _core.Transform, turned: Any, moved: Any) -> None:
 
 
 def do_transform_point(point: Any, transform: Any) -> Any:
-    """Map a PointStamped, or a Point or Point32, into the target frame: p_target = T p_source."""
+    """Transform a PointStamped, Point or Point32 into the target frame: p_target = T p_source."""
     turn, made, source, target = _begin(point, "point", transform)
     _apply(turn, source, target)
     return made
 
 
 def do_transform_vector3(vector3: Any, transform: Any) -> Any:
-    """Turn a Vector3Stamped, or a Vector3, onto the axes of the target frame; it has no place."""
+    """Rotate a Vector3Stamped or Vector3 to the axes of the target frame, without translation."""
     turn, made, source, target = _begin(vector3, "vector3", transform)
     _apply(_rotation_of(turn), source, target)
     return made
 
 
 def do_transform_quaternion(quaternion: Any, transform: Any) -> Any:
-    """Turn the orientation of a QuaternionStamped, or a Quaternion, into the target frame.
+    """Rotate a QuaternionStamped or Quaternion into the target frame.
 
-    A quaternion of any other length comes back with length one, one of length 0 counts as the
-    identity.
+    The result has unit length. A quaternion of length 0 counts as the identity.
     """
     turn, made, source, target = _begin(quaternion, "quaternion", transform)
     _rotate_orientation(turn, source, target)
@@ -165,10 +165,10 @@ def do_transform_quaternion(quaternion: Any, transform: Any) -> Any:
 
 
 def do_transform_pose(pose: Any, transform: Any) -> Any:
-    """Map a PoseStamped (ROS 1), or a Pose (ROS 2), into the target frame.
+    """Transform a PoseStamped (ROS 1) or a Pose (ROS 2) into the target frame.
 
-    The orientation's length is as in `do_transform_quaternion`. Of its two quaternions it is
-    upstream's: w >= 0 in ROS 2, as PyKDL's `GetQuaternion` in ROS 1.
+    The length of the orientation is as in `do_transform_quaternion`. Its sign is upstream's: w >= 0
+    in ROS 2, that of PyKDL's `GetQuaternion` in ROS 1.
     """
     turn, made, source, target = _begin(pose, "pose", transform)
     _move_pose(turn, source, target)
@@ -176,15 +176,15 @@ def do_transform_pose(pose: Any, transform: Any) -> Any:
 
 
 def do_transform_pose_stamped(pose: Any, transform: Any) -> Any:
-    """Map a PoseStamped into the target frame, as `do_transform_pose`."""
+    """Transform a PoseStamped into the target frame, as `do_transform_pose`."""
     return do_transform_pose(pose, transform)
 
 
 def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
-    """Map a PoseWithCovarianceStamped, or a PoseWithCovariance, into the target frame.
+    """Transform a PoseWithCovarianceStamped or PoseWithCovariance into the target frame.
 
     The covariance is that of `transform_covariance`: of the same pose, on the target's axes. Raises
-    InvalidArgumentException for a covariance that has not 36 numbers.
+    InvalidArgumentException if the covariance does not have 36 numbers.
     """
     turn, made, source, target = _begin(pose, "pose with covariance", transform)
     _move_pose(turn, source.pose, target.pose)
@@ -193,7 +193,7 @@ def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
 
 
 def do_transform_wrench(wrench: Any, transform: Any, *, about_target: bool = False) -> Any:
-    """Turn a WrenchStamped, or a Wrench, onto the axes of the target frame.
+    """Rotate a WrenchStamped or Wrench to the axes of the target frame.
 
     Parameters
     ----------
@@ -202,9 +202,9 @@ def do_transform_wrench(wrench: Any, transform: Any, *, about_target: bool = Fal
     transform
         T[target<-source], with rotation R and translation t.
     about_target
-        False, as tf2: force' = R force, torque' = R torque, about the same point as before. True:
-        the torque was about the source's origin and becomes that about the target's,
-        torque' = R torque + t x force' (tf2_kdl's transform of a KDL Wrench).
+        False, as in tf2: force' = R force and torque' = R torque, about the same point as before.
+        True: the given torque is about the source's origin, the result is about the target's
+        origin: torque' = R torque + t x force' (as tf2_kdl transforms a KDL Wrench).
     """
     turn, made, source, target = _begin(wrench, "wrench", transform)
     rotation = _rotation_of(turn)
@@ -216,10 +216,9 @@ def do_transform_wrench(wrench: Any, transform: Any, *, about_target: bool = Fal
 
 
 def do_transform_twist(twist: Any, transform: Any, *, about_target: bool = False) -> Any:
-    """Turn a TwistStamped, or a Twist, onto the axes of the target frame.
+    """Rotate a TwistStamped or Twist to the axes of the target frame.
 
-    It stays a velocity relative to whatever it was relative to: that the frames themselves move
-    is not added.
+    The result is relative to the same reference as before: motions of the frames are not added.
 
     Parameters
     ----------
@@ -228,9 +227,9 @@ def do_transform_twist(twist: Any, transform: Any, *, about_target: bool = False
     transform
         T[target<-source], with rotation R and translation t.
     about_target
-        False: linear' = R linear, angular' = R angular, of the same point as before. True: the
-        linear velocity was that of the body's point at the source's origin and becomes that of its
-        point at the target's, linear' = R linear + t x angular' (tf2_kdl's transform of a KDL
+        False: linear' = R linear and angular' = R angular, of the same point as before. True: the
+        given velocity is that of the body's point at the source's origin, the result that of its
+        point at the target's origin: linear' = R linear + t x angular' (as tf2_kdl transforms a KDL
         Twist).
     """
     turn, made, source, target = _begin(twist, "twist", transform)
@@ -243,7 +242,7 @@ def do_transform_twist(twist: Any, transform: Any, *, about_target: bool = False
 
 
 def do_transform_polygon_stamped(polygon: Any, transform: Any) -> Any:
-    """Map the corners of a PolygonStamped, or a Polygon, into the target frame."""
+    """Transform the corners of a PolygonStamped or Polygon into the target frame."""
     turn, made, source, target = _begin(polygon, "polygon", transform)
     for given in source.points:
         corner = type(given)()
@@ -253,7 +252,7 @@ def do_transform_polygon_stamped(polygon: Any, transform: Any) -> Any:
 
 
 def transform_points(point_cloud: npt.ArrayLike, transform: Any) -> npt.NDArray[np.float64]:
-    """Map points into the target frame: p_target[i] = T p_source[i].
+    """Transform points into the target frame: p_target[i] = T p_source[i].
 
     Parameters
     ----------
@@ -281,7 +280,7 @@ def transform_points(point_cloud: npt.ArrayLike, transform: Any) -> npt.NDArray[
 
 
 def transform_to_kdl(t: Any) -> Any:
-    """Make a PyKDL.Frame of a TransformStamped. Raises ImportError where PyKDL is missing."""
+    """Make a PyKDL.Frame of a TransformStamped. Raises ImportError if PyKDL is missing."""
     refuse_unlike(t, "t", "a TransformStamped", "transform")
     import PyKDL  # noqa: PLC0415 - ROS 1's alone
 
@@ -296,12 +295,12 @@ def to_msg_msg(msg: Any) -> Any:
 
 
 def from_msg_msg(msg: Any) -> Any:
-    """Make a message of a message: itself."""
+    """Return the message itself."""
     return msg
 
 
 def transform_to_msg(transform: _core.Transform) -> Any:
-    """Make a TransformStamped of a `tfdb.Transform`: the installed ROS's, or ours."""
+    """Make a TransformStamped of a `tfdb.Transform`, of the installed ROS or of tfdb."""
     make, _ = makers(installed() or "ros2")
     if not isinstance(transform, _core.Transform):
         raise TypeError(f"transform must be a tfdb.Transform, got {shown(transform)}")

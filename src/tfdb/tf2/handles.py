@@ -1,6 +1,6 @@
-"""What programs find on listeners, broadcasters and clients: objects of rclpy or rospy.
+"""Attributes of listeners, broadcasters and clients: objects of rclpy or rospy.
 
-Where a node has no ROS library, a topic has an object with rospy's calls instead.
+If a node has no ROS library, a topic has an object with rospy's calls instead.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ __all__ = ["handle_of", "native_node"]
 
 
 def native_node(node: Node) -> Any:
-    """Return the node of rclpy that a node stands for, or else the node."""
+    """Return the rclpy node below a node, otherwise the node itself."""
     return getattr(node, "given", node)
 
 
 def handle_of(opened: Any, encoding: Encoding) -> Any:
-    """Return the object that a ROS library has of a topic, or else one with rospy's calls."""
+    """Return the ROS library's object for a topic, otherwise an object with rospy's calls."""
     return opened.native or _Topic(opened, encoding)
 
 
@@ -36,11 +36,11 @@ class _Topic:
         self._opened.publish(_core.encode_tf_message(data.transforms, self._encoding))
 
     def get_num_connections(self) -> int:
-        """How many nodes are connected."""
+        """Number of connected nodes."""
         opened = self._opened
         connected = opened.subscribers if hasattr(opened, "publish") else opened.publishers
         return len(connected)
 
     def unregister(self) -> None:
-        """Take it back."""
+        """Unregister the topic."""
         self._opened.close()

@@ -1,4 +1,4 @@
-"""`install()`: programs that import tf2's packages get those of tfdb."""
+"""`install()`: imports of tf2's packages return modules of tfdb."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def install() -> None:
     Raises
     ------
     InvalidArgument
-        One of these packages was imported before; nothing is changed.
+        One of these packages was already imported. Nothing is changed.
     """
     if any(isinstance(each, _Finder) for each in sys.meta_path):
         return
@@ -74,7 +74,7 @@ class _Finder(MetaPathFinder, Loader):
                 del self.statements["tf.transformations"]
 
     def find_spec(self, fullname: str, *_: Any) -> ModuleSpec | None:
-        """Where a module is made: here, or None."""
+        """Return the import spec of a module that this finder makes, otherwise None."""
         if fullname not in self.statements:
             return None
         spec = ModuleSpec(fullname, self, is_package="." not in fullname)
@@ -83,7 +83,7 @@ class _Finder(MetaPathFinder, Loader):
         return spec
 
     def exec_module(self, module: ModuleType) -> None:
-        """Give a module its members."""
+        """Set the members of a module."""
         name = module.__name__
         found, missing = import_all(self.statements[name])
         vars(module).update(found)
@@ -109,7 +109,7 @@ def _module(name: str, members: Mapping[str, Any], *, package: bool = False) -> 
 
 
 def _stand_ins() -> dict[str, ModuleType]:
-    """Make the modules of messages and times for a machine without any ROS, by name."""
+    """Make the modules of messages and times for a machine without ROS, by name."""
     made = {"rclpy": _module("rclpy", {}, package=True)}
     for name, kind in (("time", stand_ins.Time), ("duration", stand_ins.Duration)):
         made[f"rclpy.{name}"] = _module(f"rclpy.{name}", {kind.__name__: kind})

@@ -1,7 +1,7 @@
-"""The action LookupTransform: what is asked and answered, and what carries it in either ROS.
+"""The action LookupTransform: goals and results, and their transport in ROS 1 and ROS 2.
 
-`BufferServer` and `BufferClient` know this file alone; how goals and results travel is in
-`ros1_action.py` and `ros2_action.py`.
+`BufferServer` and `BufferClient` use only this file. `ros1_action.py` and `ros2_action.py`
+implement the transports.
 """
 
 # ruff: noqa: PLC0415  (they import this file, and a ROS)
@@ -65,22 +65,22 @@ CODES: dict[int, type[TransformException]] = {
 
 @dataclass(frozen=True, slots=True)
 class LookupGoal:
-    """A question: the fields of tf2_msgs/LookupTransformGoal, times in nanoseconds."""
+    """A goal: the fields of tf2_msgs/LookupTransformGoal, times in nanoseconds."""
 
     target_frame: str
     source_frame: str
     source_time: int
-    """When; 0: the latest common time."""
+    """Time of the transform; 0: the latest common time."""
     timeout: int
     """How long the server may wait for an answer."""
     target_time: int = 0
     fixed_frame: str = ""
     advanced: bool = False
-    """Whether `target_time` and `fixed_frame` count."""
+    """Whether `target_time` and `fixed_frame` are used."""
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """Those of `lookup_transform_full` where it is advanced, else of `lookup_transform`."""
+        """Arguments of `lookup_transform_full` if `advanced`, otherwise of `lookup_transform`."""
         source = self.source_frame, self.source_time
         if self.advanced:
             return self.target_frame, self.target_time, *source, self.fixed_frame
@@ -89,10 +89,10 @@ class LookupGoal:
 
 @dataclass(frozen=True, slots=True)
 class LookupResult:
-    """An answer: the fields of tf2_msgs/LookupTransformResult."""
+    """A result: the fields of tf2_msgs/LookupTransformResult."""
 
     transform: Any = None
-    """A TransformStamped, T[target_frame<-source_frame]; None beside an error."""
+    """A TransformStamped, T[target_frame<-source_frame]; None if there was an error."""
     error: int = NO_ERROR
     """A code of tf2_msgs/TF2Error."""
     error_string: str = ""
@@ -130,27 +130,27 @@ class Goal(Protocol):
 
 
 class ServerTransport(Protocol):
-    """Where goals come from. Any thread may call it."""
+    """Receives goals. Any thread may call it."""
 
     def start(self, on_goal: Callable[[Goal], None], on_cancel: Callable[[Goal], None]) -> None:
-        """Take goals from now on; `on_cancel` gets one of them that a client wants no more.
+        """Accept goals from now on; `on_cancel` is called with a goal that its client cancels.
 
-        Both are called in threads of the transport's, and must not wait.
+        Both functions are called in threads of the transport, and must not wait.
         """
 
     def close(self) -> None:
-        """Take no more goals."""
+        """Stop accepting goals."""
 
 
 class SentGoal(Protocol):
     """A goal that a client has sent. Any thread may call it."""
 
     def forget(self) -> None:
-        """Call `on_result` no more, and cancel the goal at the server."""
+        """Stop waiting for the result, and cancel the goal at the server."""
 
 
 class ClientTransport(Protocol):
-    """Where goals go. Any thread may call it."""
+    """Sends goals. Any thread may call it."""
 
     native: Any
     """The action client of rclpy; None in ROS 1."""
@@ -159,13 +159,13 @@ class ClientTransport(Protocol):
         """Whether a server is connected in both directions."""
 
     def wait_ready(self, seconds: float) -> None:
-        """Return once something about that may have changed, or after so long."""
+        """Return after a possible change of `is_ready`, or after the given time."""
 
     def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> SentGoal:
-        """Send a goal; `on_result` gets its result, or None if it came to another end."""
+        """Send a goal; call `on_result` with its result, or with None if it ended without one."""
 
     def close(self) -> None:
-        """Take everything back."""
+        """Close the topics."""
 
 
 def server_in(node: Node, ns: str) -> ServerTransport:

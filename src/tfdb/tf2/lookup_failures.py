@@ -1,8 +1,8 @@
-"""Why tf2 has no answer: its walk, for the words only. Lookups that have an answer never come here.
+"""Finds tf2's reason for a failed lookup, by tf2's walk. Used for error texts only.
 
-tf2 walks from the source to its root, then from the target to where the first walk ended, and names
-the edge that the second walk stopped at, else that of the first. Hence the edge may lie above the
-meeting point of the two, and two trees may be told as an extrapolation.
+tf2 walks from the source to its root, then from the target to the end of the first walk. It names
+the edge at which the second walk stopped, otherwise that of the first walk. So this edge may be
+above the common ancestor, and two trees may be reported as an extrapolation.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ class Gap(NamedTuple):
     """An edge without data at a stamp."""
 
     edge: str
-    """Its child."""
+    """The child of the edge."""
     stamp: int
     """The requested stamp."""
     oldest: int | None
-    """Its first stamp; None: it has been cleared."""
+    """The first stamp of the edge; None: it has been cleared."""
     newest: int | None
-    """Its last stamp; None: it has been cleared."""
+    """The last stamp of the edge; None: it has been cleared."""
 
 
 class TwoTrees:
-    """No path joins the frames, as far as tf2 looks."""
+    """tf2's walk finds no path between the frames."""
 
 
 def lookup_failure(
     reads: StoreReader, target: str, source: str, stamp: int
 ) -> Gap | TwoTrees | None:
-    """Why T[target<-source] at a stamp has no answer, where both frames exist; None: tf2 has one.
+    """Return why a lookup at a stamp fails, if both frames exist; None: it succeeds in tf2.
 
     Stamp 0 is the latest common time.
     """

@@ -10,7 +10,7 @@ __all__ = ["WrongMessageError", "refuse_unlike"]
 
 
 class WrongMessageError(TypeError, AttributeError):
-    """An argument lacks a message's members. Upstream raises one or the other of the bases."""
+    """An argument lacks members of a message. Upstream raises one of the two base classes."""
 
 
 def refuse_unlike(value: Any, name: str, what: str, *members: str) -> None:

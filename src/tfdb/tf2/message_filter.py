@@ -135,8 +135,8 @@ class MessageFilter:
     def register_callback(self, callback: Callable[[Any, dict[str, Any]], object]) -> None:
         """Call `callback(message, transforms)` for each message that can be transformed.
 
-        `transforms` has T[target<-frame of the message] at its stamp for each target frame: they
-        were there together, and need not be looked up again.
+        `transforms` has T[target<-frame of the message] at its stamp for each target frame, all
+        from one state. So the callback needs no lookups.
         """
         refuse_without(callback, "callback", "a function", "__call__")
         with self._lock:
@@ -253,7 +253,7 @@ class MessageFilter:
             self._fail(one, FilterFailureReason.OutTheBack)
 
     def _hold(self, one: _Waiting, wait: waiting.Wait) -> None:
-        """Store a wait with its message unless the message left the queue."""
+        """Store a wait with its message, unless the message has left the queue."""
         with self._lock:
             if one.number in self._waiting:
                 one.waits.append(wait)
@@ -278,7 +278,7 @@ class MessageFilter:
         return None
 
     def _dequeue(self, one: _Waiting) -> bool:
-        """Take a message out of the queue; False: another thread did."""
+        """Remove a message from the queue; False: another thread did."""
         with self._lock:
             mine = self._waiting.pop(one.number, None) is not None
         if mine:

@@ -1,4 +1,4 @@
-"""The words of tf2, which users search for: kept to the letter, odd blanks included."""
+"""The texts of tf2, for which users search: equal to the letter, including odd blanks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ REASONS = "http://wiki.ros.org/tf/Errors%20explained"
 
 
 def seconds(stamp: int, digits: int) -> str:
-    """Write nanoseconds as seconds; no float is involved, so that nine digits are nine digits."""
+    """Write nanoseconds as seconds, without a float, so that all nine digits are exact."""
     if stamp < 0:
         return "-" + seconds(-stamp, digits)
     unit = UNITS[digits]
@@ -25,9 +25,9 @@ def seconds(stamp: int, digits: int) -> str:
 
 
 def bad_name(flavor: Flavor, function: str, role: str, name: str) -> str:
-    """What is said of a name that is empty or starts with a slash.
+    """Text for a name that is empty or starts with a slash.
 
-    `function` is the one that tf2 names (canTransform returns its text, the others raise it).
+    `function` is the name of tf2's function (canTransform returns the text, the others raise it).
     """
     where = f"{function} argument {role}" if role else function
     rule = "cannot be empty" if not name else "cannot start with a '/'"
@@ -166,7 +166,7 @@ def repeated_data(authority: str, child: str, stamp: int) -> str:
 
 
 def loop(authority: str, parent: str, child: str) -> str:
-    """Log text for a transform that would close a loop; tf2 stores it."""
+    """Log text for a transform that would close a loop; upstream stores it."""
     return (
         f'TF_LOOP: Ignoring transform from authority "{authority}" with frame_id "{parent}" and '
         f'child_frame_id "{child}" because they would close a loop'

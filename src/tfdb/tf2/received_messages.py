@@ -1,4 +1,4 @@
-"""Stores messages of /tf and /tf_static: bytes, one commit each, by their side's rules."""
+"""Stores messages of /tf and /tf_static from bytes, one commit each, by the rules of their ROS."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ __all__ = ["SETTERS", "UNKNOWN", "BufferWriter", "Sink", "decoded", "received", 
 
 LOGGER = logging.getLogger("tfdb.tf2")
 Sink: TypeAlias = "Callable[[bytes | memoryview, str], int]"
-"""Takes a serialized TFMessage and its authority. Raises CorruptMessage."""
+"""Stores a serialized TFMessage with its authority. Raises CorruptMessage."""
 SETTERS = ("set_transform", "set_transform_static")
 """Methods of a buffer that store transforms."""
 UNKNOWN = "default_authority"
 """Authority of a message with an unknown publisher."""
 AHEAD = 60 * SECOND
-"""A stamp that is so far ahead of the node's clock was never meant."""
+"""A stamp further ahead of the node's clock than this is an error of its publisher."""
 
 
 def decoded(
     data: bytes | memoryview, encoding: Encoding, authority: str, *, static: bool
 ) -> Iterator[msgs.TransformStamped | errors.TfdbError]:
-    """Take a TFMessage apart, into messages of ours; one that cannot be read is its error.
+    """Decode a TFMessage into tfdb's messages; an unreadable transform becomes its error.
 
     Raises CorruptMessage.
     """
@@ -53,7 +53,7 @@ def decoded(
 def readable(
     members: Iterable[msgs.TransformStamped | errors.TfdbError], authority: str
 ) -> list[msgs.TransformStamped]:
-    """The transforms of a message that can be read; the errors of the others are logged."""
+    """The readable transforms of a message; the errors of the others are logged."""
     good = []
     for each in members:
         if isinstance(each, errors.TfdbError):
@@ -64,7 +64,7 @@ def readable(
 
 
 def received(data: bytes | memoryview, node: Node, topic: str, publisher: str) -> Any:
-    """Make the TFMessage that a callback of the node's ROS gets. Raises CorruptMessage."""
+    """Make the TFMessage for a callback, of the node's ROS. Raises CorruptMessage."""
     authority = publisher or UNKNOWN
     members = decoded(data, node.encoding, authority, static=False)
     transforms = readable(members, authority)
@@ -78,13 +78,13 @@ def received(data: bytes | memoryview, node: Node, topic: str, publisher: str) -
 
 
 class _Received(msgs.TFMessage):
-    """A message of ours that was received: it has a dict of its own."""
+    """A received message of tfdb, with a `__dict__`."""
 
 
 def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
-    """Make what stores the messages of a node in a buffer, and returns how many were refused.
+    """Make a function that stores messages of a node, and returns the number of refused transforms.
 
-    Bytes go straight into the store, unless a subclass looks at each transform.
+    The store decodes the bytes, unless a subclass handles each transform.
     """
     kind = type(buffer)
     if isinstance(buffer, BufferCore) and all(
@@ -103,7 +103,7 @@ def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
 
 
 class BufferWriter:
-    """Stores the messages of a topic that a node gets. Any thread may call it."""
+    """Stores the received messages of a topic. Any thread may call it."""
 
     def __init__(self, core: BufferCore, node: Node, *, static: bool) -> None:
         self._core, self._node, self._static = core, node, static
@@ -120,9 +120,9 @@ class BufferWriter:
         )
 
     def store(self, data: bytes | memoryview, authority: str) -> int:
-        """Store a TFMessage in one commit; what tf2 refuses is logged, the rest of it stored.
+        """Store a TFMessage in one commit; log the transforms that tf2 refuses, store the others.
 
-        Returns how many transforms were refused. Raises CorruptMessage: nothing was stored.
+        Returns the number of refused transforms. Raises CorruptMessage, and then stores nothing.
         """
         refused: Any = waiting.write(
             self._core.buffer, lambda: self._ingest(data, authority=authority)
@@ -132,7 +132,7 @@ class BufferWriter:
     def _log_refused(
         self, data: bytes | memoryview, refused: Sequence[Refused], authority: str
     ) -> int:
-        """Log refused transforms in tf2's words; returns the number of lost ones."""
+        """Log refused transforms with tf2's texts; return the number of lost ones."""
         transforms = [*decoded(data, self._node.encoding, authority, static=self._static)]
         lost = 0
         for member in refused:

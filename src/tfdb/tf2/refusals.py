@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("tfdb.tf2")
 CONTROL = "has a control character"
-"""Reason of the error of such a name."""
+"""Reason in the error for a name with a control character."""
 ROUNDING = 1e-9
-"""How far the length of a normalised quaternion is off one at most."""
+"""Largest difference of a normalised quaternion's length from 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,13 @@ class Write:
 
     @property
     def finite(self) -> bool:
-        """Whether all its numbers are."""
+        """Whether all its numbers are finite."""
         move, turn = self.translation, self.rotation
         return all(map(math.isfinite, (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)))
 
     @property
     def length(self) -> float:
-        """Length of its quaternion, of which the numbers can be read."""
+        """Length of its quaternion, whose numbers are readable."""
         turn = self.rotation
         return math.hypot(turn.x, turn.y, turn.z, turn.w)
 
@@ -68,7 +68,7 @@ class Write:
         return replace(self, rotation=msgs.Quaternion(*parts))
 
     def check_members(self) -> None:
-        """Raise TypeError, with tf2's words, unless the numbers can be read."""
+        """Raise TypeError with tf2's text, unless the numbers are readable."""
         for value, members, role in (
             (self.translation, "x, y, z", "translation"),
             (self.rotation, "x, y, z, w", "rotation"),
@@ -83,7 +83,7 @@ class Write:
 
     @classmethod
     def of(cls, message: Any, authority: str, nanoseconds: Callable[[Any], int]) -> Self:
-        """Take a TransformStamped apart; TypeError if it is none."""
+        """Read a TransformStamped; TypeError if it is none."""
         if not isinstance(authority, str):
             raise TypeError(f"authority must be a str, got {type(authority).__name__}")
         try:
@@ -103,7 +103,7 @@ class Write:
 
 
 def phrase(write: Write, error: errors.TfdbError, flavor: Flavor) -> str | None:
-    """Word as tf2 does why a write was refused, in tf2's order; None: another failure."""
+    """Return tf2's text for a refused write, by tf2's order of checks; None: another error."""
     who, child = write.authority, write.child
     match error:
         case errors.InvalidTransform() | errors.InvalidName() | errors.InvalidStamp():
@@ -136,7 +136,7 @@ def log(text: str, error: errors.TfdbError) -> None:
 
 
 def log_unread(error: errors.TfdbError, authority: str) -> None:
-    """Log why a transform of a message cannot be read, in tf2's words where it has some."""
+    """Log why a transform of a message is unreadable, with tf2's text if it has one."""
     text = str(error)
     if isinstance(error, errors.InvalidStamp) and error.stamp is not None:
         text = phrases.bad_stamp(authority, error.edge or "", error.stamp)
@@ -146,7 +146,7 @@ def log_unread(error: errors.TfdbError, authority: str) -> None:
 
 
 def reason(failure: Gap | TwoTrees, flavor: Flavor, target: str, source: str) -> str:
-    """Word as tf2 does the reason that T[target<-source] has no answer."""
+    """Return tf2's text for a failed lookup of T[target<-source]."""
     if isinstance(failure, TwoTrees):
         return phrases.two_trees(target, source)
     return phrases.extrapolation(
@@ -173,7 +173,7 @@ def extrapolation(
 def translated(
     cause: errors.TfdbError, flavor: Flavor, target: str, source: str
 ) -> TransformException:
-    """Make tf2's error out of one of tfdb where tf2 itself would have had an answer."""
+    """Make tf2's error from one of tfdb, for a lookup that succeeds in tf2."""
     if isinstance(cause, errors.Extrapolation):
         stamp, oldest, newest = cause.stamp or 0, cause.oldest, cause.newest
         text = phrases.extrapolation(flavor, stamp, oldest, newest, target, source)

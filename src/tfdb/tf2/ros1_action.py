@@ -1,8 +1,8 @@
-"""The action LookupTransform in ROS 1: actionlib's topics, in bytes, through any node of ROS 1.
+"""The action LookupTransform in ROS 1: actionlib's topics as bytes, through any ROS 1 node.
 
-The protocol is that of https://wiki.ros.org/actionlib/DetailedDescription. Goals are taken at once,
-so each is ACTIVE until it ends as SUCCEEDED or PREEMPTED; one that was cancelled before it came
-is RECALLED.
+The protocol is that of https://wiki.ros.org/actionlib/DetailedDescription. Goals are accepted at
+once, so each is ACTIVE until it ends as SUCCEEDED or PREEMPTED. If the cancellation comes before
+the goal, the goal is RECALLED.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _numbers = itertools.count(1)
 
 
 def _new_goal_id(node: Node) -> GoalId:
-    """Make an id as actionlib does: no other goal of any node has it."""
+    """Make a unique id as actionlib does."""
     now = node.now()
     return GoalId(now, f"{node.name}-{next(_numbers)}-{now / 1e9:.9f}")
 
@@ -65,9 +65,9 @@ class _ServerGoal:
         self.question = question
         self.status: Status = Status(goal_id, ACTIVE)
         self.taken: int = time.monotonic_ns()
-        """When it came, on the steady clock."""
+        """Time of its arrival, by the steady clock."""
         self.ended: float | None = None
-        """When it ended, on the steady clock."""
+        """Time of its end, by the steady clock."""
         self._server = server
 
     def succeed(self, result: LookupResult) -> None:
@@ -83,14 +83,14 @@ NOTHING = LookupGoal("", "", 0, 0)
 
 
 class Ros1Server:
-    """Takes goals from the topics of an action. Threads: any.
+    """Accepts goals from the topics of an action. Threads: any.
 
     Parameters
     ----------
     node
         A node of ROS 1.
     name
-        The action's, such as `tf2_buffer_server`.
+        Name of the action, such as `tf2_buffer_server`.
     """
 
     def __init__(self, node: Node, name: str) -> None:
@@ -102,7 +102,7 @@ class Ros1Server:
         self._open: list[Any] = []
 
     def start(self, on_goal: Callable[[Goal], None], on_cancel: Callable[[Goal], None]) -> None:
-        """Take goals from now on; `on_cancel` gets one of them that a client wants no more."""
+        """Accept goals from now on; `on_cancel` is called with a goal that its client cancels."""
         node, name = self._node, self._name
         self._on_goal, self._on_cancel = on_goal, on_cancel
         self._results = node.advertise(f"{name}/result", f"{ACTION}Result", depth=QUEUE)
@@ -119,13 +119,13 @@ class Ros1Server:
         threading.Thread(target=self._run, name=f"tfdb action {name}", daemon=True).start()
 
     def close(self) -> None:
-        """Take no more goals."""
+        """Stop accepting goals."""
         self._over.set()
         while self._open:
             self._open.pop(0).close()
 
     def end(self, goal: _ServerGoal, status: int, result: LookupResult, text: str = "") -> None:
-        """Send the result of a goal, if that has not been done."""
+        """Send the result of a goal, unless it was sent before."""
         with self._lock:
             if goal.ended is not None:
                 return
@@ -190,7 +190,7 @@ class Ros1Server:
                 return
 
     def _publish_statuses(self) -> None:
-        """Publish the statuses of all goals; those that ended some time ago are forgotten."""
+        """Publish the statuses of all goals; drop goals that ended some time ago."""
         now = time.monotonic()
         with self._lock:
             for name, goal in list(self._goals.items()):
@@ -243,12 +243,12 @@ class Ros1Client:
         )
 
     def wait_ready(self, seconds: float) -> None:
-        """Return once a server has said something, or after so long."""
+        """Return after a message of a server, or after the given time."""
         with self._changed:
             self._changed.wait(seconds)
 
     def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _SentGoal:
-        """Send a goal; `on_result` gets its result, or None if it came to another end."""
+        """Send a goal; call `on_result` with its result, or with None if it ended without one."""
         goal_id = _new_goal_id(self._node)
         with self._changed:
             self._waiting[goal_id.id] = on_result
@@ -263,7 +263,7 @@ class Ros1Client:
             self._cancels.publish(encode_goal_id(GoalId(0, goal_id.id)))
 
     def close(self) -> None:
-        """Take everything back."""
+        """Close the topics."""
         for opened in (self._statuses, self._results, self._cancels, self._goals):
             opened.close()
 

@@ -1,4 +1,4 @@
-"""Bytes of the messages that the action LookupTransform has in ROS 1.
+"""Bytes of the messages of the action LookupTransform in ROS 1.
 
 Numbers are little-endian, a string is its length and its bytes, a time is two uint32.
 """
@@ -53,7 +53,7 @@ class Status:
 
 
 class _Reader:
-    """Takes a message apart; raises CorruptMessage where it ends too early."""
+    """Reads a message; raises CorruptMessage if it ends too early."""
 
     def __init__(self, data: bytes | memoryview, kind: str) -> None:
         self._data, self._kind, self._at = memoryview(data), kind, 0

@@ -1,7 +1,7 @@
-"""The action LookupTransform in ROS 2, by rclpy's own action server and client.
+"""The action LookupTransform in ROS 2, by rclpy's action server and client.
 
-All of it happens in the executor of the node, which must spin; a client that waits must not be one
-of its callbacks, unless several of them can run at once.
+All calls happen in the executor of the node, which must spin. A callback of this executor must not
+wait in a client, unless the executor runs several callbacks at once.
 """
 
 from __future__ import annotations
@@ -72,14 +72,14 @@ class _ServerGoal:
 
 
 class Ros2Server:
-    """Takes goals of an action. Threads: any.
+    """Accepts goals of an action. Threads: any.
 
     Parameters
     ----------
     node
         A node of rclpy.
     name
-        The action's, such as `tf2_buffer_server`.
+        Name of the action, such as `tf2_buffer_server`.
     """
 
     def __init__(self, node: RclpyNode, name: str) -> None:
@@ -88,7 +88,7 @@ class Ros2Server:
         self._opened: Any = None
 
     def start(self, on_goal: Callable[[Goal], None], on_cancel: Callable[[Goal], None]) -> None:
-        """Take goals from now on; `on_cancel` gets one of them that a client wants no more."""
+        """Accept goals from now on; `on_cancel` is called with a goal that its client cancels."""
         node = self._node.given
 
         def accept(handle: Any) -> None:
@@ -119,7 +119,7 @@ class Ros2Server:
         self._opened = self._node.adopt(server.destroy)
 
     def close(self) -> None:
-        """Take no more goals."""
+        """Stop accepting goals."""
         if self._opened is not None:
             self._opened.close()
 
@@ -133,7 +133,7 @@ class _SentGoal:
         self._lock = threading.Lock()
 
     def forget(self) -> None:
-        """Call `on_result` no more, and cancel the goal at the server."""
+        """Stop waiting for the result, and cancel the goal at the server."""
         with self._lock:
             waited, self._on_result = self._on_result, None
             handle = self._handle
@@ -141,7 +141,7 @@ class _SentGoal:
             handle.cancel_goal_async()
 
     def answered(self, future: Any) -> None:
-        """Take the server's word on the goal."""
+        """Process the server's response to the goal."""
         handle = future.result()
         if not handle.accepted:
             self._finish(LookupResult(None, code_of(TimeoutException()), NOT_ACCEPTED))
@@ -192,11 +192,11 @@ class Ros2Client:
         return False
 
     def wait_ready(self, seconds: float) -> None:
-        """Return after so long: rclpy does not report a new server."""
+        """Return after the given time: rclpy does not report new servers."""
         self._never.wait(seconds)
 
     def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _SentGoal:
-        """Send a goal; `on_result` gets its result, or None if it came to another end."""
+        """Send a goal; call `on_result` with its result, or with None if it ended without one."""
         message, sent = _goal_of(goal), _SentGoal(on_result)
 
         def send() -> None:
@@ -211,7 +211,7 @@ class Ros2Client:
         return sent
 
     def close(self) -> None:
-        """Take everything back."""
+        """Destroy the client."""
         self._opened.close()
 
 

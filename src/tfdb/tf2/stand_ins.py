@@ -13,7 +13,7 @@ __all__ = ["Duration", "Time"]
 
 @total_ordering
 class _Nanoseconds:
-    """A count of nanoseconds, as rclpy has it."""
+    """A number of nanoseconds, as in rclpy."""
 
     def __init__(self, *, seconds: float = 0, nanoseconds: float = 0) -> None:
         whole = seconds * SECOND if isinstance(seconds, int) else int(seconds * SECOND)
@@ -21,7 +21,7 @@ class _Nanoseconds:
 
     @property
     def nanoseconds(self) -> int:
-        """All of it, in nanoseconds."""
+        """The whole value in nanoseconds."""
         return self._nanoseconds
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
@@ -44,7 +44,7 @@ class _Nanoseconds:
 
 
 class Duration(_Nanoseconds):
-    """A length of time."""
+    """A duration."""
 
     def to_msg(self) -> msgs.Duration:
         """Make it a message."""
@@ -64,7 +64,7 @@ class Time(_Nanoseconds):
     ) -> None:
         super().__init__(seconds=seconds, nanoseconds=nanoseconds)
         self.clock_type = clock_type
-        """Whatever was given."""
+        """The given value."""
 
     def __add__(self, other: Duration) -> Time:
         if not isinstance(other, Duration):

@@ -1,4 +1,4 @@
-"""`StaticTransformBroadcaster`: publishes static transforms on /tf_static, also to late joiners."""
+"""`StaticTransformBroadcaster`: publishes static transforms on the latched /tf_static."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["StaticTransformBroadcaster"]
 
 
 class _Latched:
-    """A latched topic, and all that is on it. Threads: `lock` is held."""
+    """A latched topic, and its transforms. Threads: `lock` is held."""
 
     def __init__(self, node: Node, qos: Any) -> None:
         self.node = node
@@ -39,7 +39,7 @@ class _Latched:
         self.message.transforms[:] = sent.values()
 
     def close(self) -> None:
-        """Take the topic back."""
+        """Unregister the topic."""
         self._publisher.close()
 
 
@@ -62,25 +62,26 @@ def _latched_by(node: Node, qos: Any) -> _Latched:
 class StaticTransformBroadcaster:
     """Publishes static transforms on /tf_static. Any thread may send.
 
-    Late joiners get the newest transform of each child that the node's broadcasters sent.
+    Nodes that join later get the newest transform of each child, from all broadcasters of this
+    node.
 
     Parameters
     ----------
     node
-        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
-        without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's node; after `rclpy.init` a new rclpy node;
+        otherwise a node without ROS.
     qos
-        In a node of rclpy: a QoS profile in place of tf2's.
+        In an rclpy node: a QoS profile in place of tf2's.
     """
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
         self.node: Node = node_for(node)
-        """The node that it publishes in."""
+        """The publishing node."""
         self._latched: _Latched | None = _latched_by(self.node, qos)
         self.pub_tf: Any = self._latched.handle
-        """The publisher, as rclpy or rospy has it: `publish` sends a TFMessage."""
+        """The publisher of rclpy or rospy: `publish` sends a TFMessage."""
         self.net_message: Any = self._latched.message
-        """A TFMessage with all that is sent each time. `sendTransform` changes it."""
+        """A TFMessage with all sent transforms; each `sendTransform` updates and sends it."""
 
     def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
         """Send one or several static transforms, together with those sent before.

@@ -1,6 +1,6 @@
-"""The names of the package tf2_geometry_msgs, of either ROS.
+"""The names of the package tf2_geometry_msgs of ROS 1 and ROS 2.
 
-Programs also take the messages' classes from here: the installed ROS's, or ours.
+Programs also import message classes from here: those of the installed ROS, or of tfdb.
 """
 
 from __future__ import annotations

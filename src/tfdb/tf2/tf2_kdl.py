@@ -1,8 +1,8 @@
 """The names of the package tf2_kdl: vectors, frames, twists and wrenches of PyKDL.
 
-Importing it registers PyKDL's types, so that `Buffer.transform` and `convert` take them. Each
-function takes T[target<-source] as a TransformStamped, and returns a new object of PyKDL with the
-transform's header. Raises ImportError where PyKDL is not installed.
+Importing it registers PyKDL's types for `Buffer.transform` and `convert`. Each function takes
+T[target<-source] as a TransformStamped, and returns a new PyKDL object with the transform's header.
+Raises ImportError if PyKDL is not installed.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ def _transformed(given: Any, transform: Any) -> Any:
 
 
 def do_transform_vector(vector: Any, transform: Any) -> Any:
-    """Map a PyKDL.Vector, as a point in metres, into the target frame: p_target = T p_source."""
+    """Transform a PyKDL.Vector, a point in metres, into the target frame: p_target = T p_source."""
     return _transformed(vector, transform)
 
 
 def do_transform_frame(frame: Any, transform: Any) -> Any:
-    """Map a PyKDL.Frame into the target frame: T * frame."""
+    """Transform a PyKDL.Frame into the target frame: T * frame."""
     return _transformed(frame, transform)
 
 
 def do_transform_twist(twist: Any, transform: Any) -> Any:
-    """Map a PyKDL.Twist into the target frame, about the target's origin: m/s and rad/s."""
+    """Transform a PyKDL.Twist into the target frame, about the target's origin: m/s and rad/s."""
     return _transformed(twist, transform)
 
 
 def do_transform_wrench(wrench: Any, transform: Any) -> Any:
-    """Map a PyKDL.Wrench into the target frame, about the target's origin: N and N m."""
+    """Transform a PyKDL.Wrench into the target frame, about the target's origin: N and N m."""
     return _transformed(wrench, transform)
 
 

@@ -1,4 +1,4 @@
-"""The names of the package tf2_sensor_msgs, of either ROS."""
+"""The names of the package tf2_sensor_msgs of ROS 1 and ROS 2."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class _Clock:
                 self._changed.notify()
 
     def _next(self) -> Timer | None:
-        """Wait for the next due timer; None: no timer came for a while."""
+        """Wait for the next due timer; None: no timer was added for some time."""
         with self._changed:
             while True:
                 while self._timers and self._timers[0].called is None:

@@ -1,4 +1,4 @@
-"""The transform that a conversion is given, and the header that it gives the result."""
+"""The transform argument of a conversion, and the header of its result."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def rigid(transform: Any) -> _core.Transform:
 
 
 def fill_result_header(made: Any, given: Any, transform: Any) -> None:
-    """Set a result's header: the transform's, or else the message's."""
+    """Set the header of a result: that of the transform, otherwise that of the message."""
     if isinstance(transform, _core.Transform):
         made.header.frame_id = transform.target
         fill_stamp(made.header, transform.stamp)

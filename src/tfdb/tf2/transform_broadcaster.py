@@ -25,18 +25,18 @@ class TransformBroadcaster:
     Parameters
     ----------
     node
-        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
-        without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's node; after `rclpy.init` a new rclpy node;
+        otherwise a node without ROS.
     qos
-        In a node of rclpy: a QoS profile in place of tf2's.
+        In an rclpy node: a QoS profile in place of tf2's.
     """
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
         self.node: Node = node_for(node)
-        """The node that it publishes in."""
+        """The publishing node."""
         self._publisher = self.node.advertise("/tf", KIND, depth=100, qos=qos)
         self.pub_tf: Any = handle_of(self._publisher, self.node.encoding)
-        """The publisher, as rclpy or rospy has it: `publish` sends a TFMessage."""
+        """The publisher of rclpy or rospy: `publish` sends a TFMessage."""
 
     def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
         """Send one or several transforms in one message.

@@ -38,26 +38,26 @@ class TransformListener:
     other transforms of its message are stored. A damaged message is skipped, counted, and logged
     once for each publisher. If simulated time jumps back, the buffer is cleared.
 
-    It listens until `unregister`, even if no reference to it is left. Messages arrive in a thread
-    of the node. If a subclass overrides `callback` or `static_callback`, this is called with each
-    message of its topic. If a subclass of BufferCore overrides `set_transform`, that is called for
-    each transform.
+    It listens until `unregister`, even if no reference to it remains. Messages arrive in a thread
+    of the node. If a subclass overrides `callback` or `static_callback`, each message of the topic
+    is passed to it. If a subclass of BufferCore overrides `set_transform`, each transform is passed
+    to it.
 
     Parameters
     ----------
     buffer
-        A `Buffer`, a `BufferCore`, or anything with `set_transform` and `set_transform_static`.
+        A `Buffer`, a `BufferCore`, or an object with `set_transform` and `set_transform_static`.
     node
-        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
-        without any ROS. An integer is ROS 1's `queue_size`.
+        A node of rclpy or `tfdb.ros`. None: rospy's node; after `rclpy.init` a new rclpy node;
+        otherwise a node without ROS. An integer is ROS 1's `queue_size`.
     queue_size
         Largest number of queued messages of a topic; None: 100.
     spin_thread
-        In a node of rclpy: receive messages in a separate thread, with the least CPU, so that
-        callbacks of the node may wait for transforms. Another thread spins the node unless it has
-        an executor. False: receive messages in the node's executor.
+        In an rclpy node. True: receive messages in a separate thread, so that callbacks of the node
+        may wait for transforms; this needs the least CPU. Another thread spins the node, unless the
+        node has an executor. False: receive messages in the node's executor.
     qos, static_qos
-        In a node of rclpy: QoS profiles in place of tf2's.
+        In an rclpy node: QoS profiles in place of tf2's.
     tf_topic, tf_static_topic
         Names of the topics.
     static_only
@@ -67,22 +67,22 @@ class TransformListener:
     """
 
     node: Any
-    """The node of rclpy or `tfdb.ros` that it listens in."""
+    """The listening node, of rclpy or `tfdb.ros`."""
     tf_sub: Any
-    """Subscription of the moving transforms, as rclpy or rospy has it; by it they can be ended."""
+    """Subscription to /tf, of rclpy or rospy; destroying it ends listening to /tf."""
     tf_static_sub: Any
-    """The same of the static ones."""
+    """Subscription to /tf_static, of rclpy or rospy."""
     group: Any
-    """In a node of rclpy: a reentrant callback group."""
+    """In an rclpy node: a reentrant callback group."""
     executor: Any
     """With `spin_thread`: the executor of rclpy; its `shutdown` ends listening."""
     dedicated_listener_thread: threading.Thread
     """With `spin_thread`: the thread in which the executor spins."""
 
     corrupt: Counter[str]
-    """How many damaged messages each publisher sent."""
+    """Number of damaged messages by publisher."""
     refused: Counter[str]
-    """How many transforms of each publisher were refused."""
+    """Number of refused transforms by publisher."""
     _lock: threading.Lock
     _open: list[Any]
     _spinning: Any
@@ -161,9 +161,9 @@ class TransformListener:
         self._sinks = (sink_of(buffer, node, static=False), sink_of(buffer, node, static=True))
 
     def callback(self, data: Any) -> None:
-        """Store a TFMessage of moving transforms, one transform after the other.
+        """Store a TFMessage of moving transforms, one transform at a time.
 
-        It is called if it is overridden, or if a program subscribes with it.
+        The listener calls it only if a subclass overrides it. Programs may use it as a callback.
         """
         self._store_message(data, self.buffer.set_transform)
 
@@ -244,7 +244,7 @@ class TransformListener:
 
 
 PLAIN = (TransformListener.callback, TransformListener.static_callback)
-"""Callbacks that are not needed: the store decodes the bytes."""
+"""Callbacks that are not called, because the store decodes the bytes."""
 
 
 class StaticTransformListener(TransformListener):

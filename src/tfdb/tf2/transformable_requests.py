@@ -1,4 +1,4 @@
-"""Functions that are called once a transform is there, or cannot come any more."""
+"""Functions that are called once a transform is available, or cannot become available any more."""
 
 from __future__ import annotations
 
@@ -25,17 +25,19 @@ NEVER = 2**64 - 1
 
 
 class TransformableResult(enum.Enum):
-    """How a request ended."""
+    """The result of a request."""
 
     TransformAvailable = 0
-    """The transform was there when the call was made ready."""
+    """The transform was available when the call was scheduled."""
     TransformFailure = 1
-    """It cannot come any more: its time is out of the cache, or the buffer was closed."""
+    """The transform cannot become available: its time is out of the cache, or the buffer was
+    closed.
+    """
 
 
 @dataclass
 class _Request:
-    """One request that waits."""
+    """One waiting request."""
 
     callback: Callable[[int, str, str, Any, TransformableResult], object]
     frames: tuple[str, str]
@@ -44,7 +46,7 @@ class _Request:
 
 
 class TransformableRequests:
-    """The requests of one buffer, and the thread that calls. Any thread may use it."""
+    """Requests of a buffer, and the thread that calls their functions. Any thread may use it."""
 
     def __init__(self, buffer: Buffer) -> None:
         self._buffer = buffer
@@ -77,7 +79,7 @@ class TransformableRequests:
         return NEVER if begun is failure else 0
 
     def _hold(self, handle: int, wait: waiting.Wait) -> None:
-        """Keep a wait with its request, if that has not ended since."""
+        """Store a wait with its request, unless the request has ended."""
         with self._lock:
             request = self._requests.get(handle)
             if request is not None:
@@ -107,7 +109,7 @@ class TransformableRequests:
             self._caller.submit(_logged, function, *arguments)
 
     def cancel(self, handle: int) -> None:
-        """End a request without a call."""
+        """Remove a request without calling its function."""
         self._taken(handle)
 
 

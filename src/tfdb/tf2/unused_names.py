@@ -1,4 +1,4 @@
-"""Names that programs import from tf2's modules, and that tfdb itself does not use.
+"""Names that programs import from tf2's modules, but that tfdb does not use.
 
 Names of annotations and defaults. MsgStamped, TransformableObject and tfMessage are made on demand.
 """
@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 DEFAULT_CAN_TRANSFORM_POLLING_SCALE = 0.01
-"""Part of a timeout after which ROS 1's tf2 looks again. Waits here are woken instead."""
+"""Fraction of a timeout after which ROS 1's tf2 polls. tfdb does not poll."""
 DEFAULT_TF_TOPIC = "/tf"
 """Topic of moving transforms."""
 DEFAULT_STATIC_TF_TOPIC = "/tf_static"
@@ -55,7 +55,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _installed_class(package: str, name: str) -> Any:
-    """Class of a message of the installed ROS, or ours."""
+    """Message class of the installed ROS, or of tfdb."""
     if installed() is None:
         return getattr(msgs, name)
     return getattr(import_module(f"{package}.msg"), name)

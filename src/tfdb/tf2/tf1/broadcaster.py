@@ -23,7 +23,7 @@ class TransformBroadcaster:
     Parameters
     ----------
     queue_size
-        Taken as tf takes it, and without effect.
+        Accepted as in tf, without effect.
     node
         As in `tfdb.tf2.TransformBroadcaster`.
     """

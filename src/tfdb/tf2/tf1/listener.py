@@ -76,7 +76,7 @@ class Transformer:
     Parameters
     ----------
     interpolate
-        Taken as tf takes it, and without effect: lookups interpolate.
+        Accepted as in tf, without effect: lookups interpolate.
     cache_time
         A duration: how long samples are kept. None: 10 s.
     """
@@ -86,11 +86,11 @@ class Transformer:
         self._using_dedicated_thread = False
 
     def allFramesAsDot(self, current_time: Any = None) -> str:
-        """Return the tree as a graph for dot; with a time also how old each edge is."""
+        """Return the tree as a DOT graph; with a time, also the age of each edge."""
         return self._buffer._allFramesAsDot(current_time or None)
 
     def allFramesAsString(self) -> str:
-        """All frames with their parents, a line each."""
+        """All frames with their parents, one per line."""
         return self._buffer.all_frames_as_string()
 
     def setTransform(self, transform: Any, authority: str = "default_authority") -> None:
@@ -98,7 +98,7 @@ class Transformer:
         self._buffer.set_transform(transform, authority)
 
     def canTransform(self, target_frame: str, source_frame: str, time: Any) -> Any:
-        """Whether `lookupTransform` has an answer."""
+        """Whether `lookupTransform` succeeds."""
         target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
         return self._buffer.can_transform(target, source, time)
 
@@ -110,7 +110,7 @@ class Transformer:
         source_time: Any,
         fixed_frame: str,
     ) -> Any:
-        """Whether `lookupTransformFull` has an answer."""
+        """Whether `lookupTransformFull` succeeds."""
         return self._buffer.can_transform_full(
             strip_leading_slash(target_frame),
             target_time,
@@ -127,9 +127,9 @@ class Transformer:
         timeout: Any,
         polling_sleep_duration: Any = None,  # noqa: ARG002 - nothing is polled
     ) -> None:
-        """Wait until `lookupTransform` has an answer; `tf.Exception` if it has none in time.
+        """Wait until `lookupTransform` succeeds; `tf.Exception` after the timeout.
 
-        It is woken by the transform that was missing; any thread may bring that.
+        The missing transform wakes it; any thread may store that.
         """
         target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
         there, why = self._buffer.can_transform(
@@ -149,7 +149,7 @@ class Transformer:
         timeout: Any,
         polling_sleep_duration: Any = None,  # noqa: ARG002 - nothing is polled
     ) -> None:
-        """Wait until `lookupTransformFull` has an answer; `tf.Exception` if it has none in time."""
+        """Wait until `lookupTransformFull` succeeds; `tf.Exception` after the timeout."""
         there, why = self._buffer.can_transform_full(
             strip_leading_slash(target_frame),
             target_time,
@@ -180,7 +180,7 @@ class Transformer:
         self._buffer.clear()
 
     def frameExists(self, frame_id: str) -> bool:
-        """Whether there is a frame of that name that has a parent."""
+        """Whether a frame of that name exists and has a parent."""
         return frame_id in self.getFrameStrings()
 
     def getFrameStrings(self) -> list[str]:
@@ -255,7 +255,7 @@ class Transformer:
         )
 
     def setUsingDedicatedThread(self, value: Any) -> None:
-        """Taken as tf takes it: waits need no thread of their own."""
+        """Accepted as in tf, without effect: waits need no dedicated thread."""
         self._using_dedicated_thread = value
 
     def getTFPrefix(self) -> str:
@@ -278,7 +278,7 @@ class TransformerROS(Transformer):
     ) -> npt.NDArray[np.float64]:
         """Return the homogeneous matrix, float64 (4, 4), of x, y, z and a quaternion x, y, z, w.
 
-        The quaternion's length is made one; one of length 0 is the identity.
+        The quaternion is normalised; one of length 0 is the identity.
         """
         return _matrix(translation, rotation)
 
@@ -292,28 +292,28 @@ class TransformerROS(Transformer):
         return made
 
     def transformPoint(self, target_frame: str, ps: Any) -> Any:
-        """Map a PointStamped into a frame."""
+        """Transform a PointStamped into a frame."""
         return self._transformed(geometry.do_transform_point, target_frame, ps)
 
     def transformVector3(self, target_frame: str, v3s: Any) -> Any:
-        """Turn a Vector3Stamped onto the axes of a frame."""
+        """Rotate a Vector3Stamped to the axes of a frame."""
         return self._transformed(geometry.do_transform_vector3, target_frame, v3s)
 
     def transformQuaternion(self, target_frame: str, ps: Any) -> Any:
-        """Turn the orientation of a QuaternionStamped into a frame."""
+        """Rotate a QuaternionStamped into a frame."""
         return self._transformed(geometry.do_transform_quaternion, target_frame, ps)
 
     def transformPose(self, target_frame: str, ps: Any) -> Any:
-        """Map a PoseStamped into a frame."""
+        """Transform a PoseStamped into a frame."""
         return self._transformed(geometry.do_transform_pose, target_frame, ps)
 
     def transformPointCloud(self, target_frame: str, point_cloud: Any) -> Any:
-        """Map the points of a sensor_msgs/PointCloud into a frame; channels are copied."""
+        """Transform the points of a sensor_msgs/PointCloud into a frame; channels are copied."""
         return self._transformed(_move_cloud, target_frame, point_cloud)
 
 
 def _move_cloud(cloud: Any, transform: Any) -> Any:
-    """Map the points of a PointCloud."""
+    """Transform the points of a PointCloud."""
     made = type(cloud)()
     made.channels = deepcopy(cloud.channels)
     if cloud.points:
@@ -326,7 +326,7 @@ def _move_cloud(cloud: Any, transform: Any) -> Any:
 
 
 class TransformListener(TransformerROS):
-    """A `TransformerROS` that is filled with what is published on /tf and /tf_static.
+    """A `TransformerROS` that is filled by the messages on /tf and /tf_static.
 
     Parameters
     ----------
@@ -342,5 +342,5 @@ class TransformListener(TransformerROS):
         self.setUsingDedicatedThread(True)
 
     def unregister(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._listener.unregister()

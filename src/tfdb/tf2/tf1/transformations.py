@@ -1,8 +1,8 @@
 """`tf.transformations`: C. Gohlke's `transformations`, with quaternions as x, y, z, w.
 
-tf's module is an old copy of that package, whose own quaternions are w, x, y, z. Whatever takes or
-gives one is turned round here; the rest is the package's own. Where the package is missing the
-import raises ImportError: `pip install 'tfdb[tf1]'`.
+tf's module is an old copy of that package, whose quaternions are w, x, y, z. This module reorders
+the quaternions of arguments and results; all other functions are those of the package. If the
+package is missing, the import raises ImportError: `pip install 'tfdb[tf1]'`.
 """
 
 from __future__ import annotations
@@ -73,12 +73,12 @@ is_same_transform: Function = wxyz.is_same_transform
 
 
 def _wxyz(quaternion: npt.ArrayLike) -> Array:
-    """Turn x, y, z, w round to w, x, y, z."""
+    """Reorder x, y, z, w to w, x, y, z."""
     return np.roll(np.asarray(quaternion, dtype=np.float64), 1)
 
 
 def _xyzw(quaternion: npt.ArrayLike) -> Array:
-    """Turn w, x, y, z round to x, y, z, w."""
+    """Reorder w, x, y, z to x, y, z, w."""
     return np.roll(np.asarray(quaternion, dtype=np.float64), -1)
 
 
@@ -149,13 +149,13 @@ def quaternion_slerp(
     spin: int = 0,
     shortestpath: bool = True,
 ) -> Array:
-    """Return the quaternion x, y, z, w at a fraction of the way from one to another."""
+    """Return the quaternion x, y, z, w at a fraction between two others (slerp)."""
     found = wxyz.quaternion_slerp(_wxyz(quat0), _wxyz(quat1), fraction, spin, shortestpath)
     return _xyzw(found)
 
 
 def random_quaternion(rand: npt.ArrayLike | None = None) -> Array:
-    """Return a random unit quaternion x, y, z, w, of three numbers from 0 to 1 or of chance."""
+    """Return a random unit quaternion x, y, z, w; `rand` may give three numbers from 0 to 1."""
     return _xyzw(wxyz.random_quaternion(rand))
 
 
@@ -167,7 +167,7 @@ def arcball_nearest_axis(point: npt.ArrayLike, axes: Iterable[npt.ArrayLike]) ->
 class Arcball(_Arcball):
     """Virtual trackball; `initial` is a matrix (4, 4) or a quaternion x, y, z, w.
 
-    Where rotations are constrained to axes it is the package's, which differs from tf's.
+    With rotations constrained to axes, it behaves as the package's, which differs from tf's.
     """
 
     def __init__(self, initial: npt.ArrayLike | None = None) -> None:
@@ -175,9 +175,9 @@ class Arcball(_Arcball):
         super().__init__(_wxyz(given) if given is not None and given.shape == (4,) else given)
 
     def setconstrain(self, constrain: bool) -> None:
-        """Set whether it turns about the chosen axes alone."""
+        """Set whether it rotates only about the chosen axes."""
         self.constrain = constrain
 
     def getconstrain(self) -> bool:
-        """Whether it turns about the chosen axes alone."""
+        """Whether it rotates only about the chosen axes."""
         return bool(self.constrain)
