@@ -116,7 +116,7 @@ __all__ = [
     "to_rerun",
 ]
 
-if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+if not TYPE_CHECKING:  # with `__getattr__`, type checkers would accept any name
     # Each import happens at first use: a program pays for what it uses.
     __getattr__, __dir__ = _offer(
         __name__,

@@ -1,6 +1,6 @@
-"""The class Buffer: the extension's store, and what is written in Python.
+"""The class Buffer: the extension's store and its methods in Python.
 
-What does a method's work is imported when it is called: `import tfdb` does not wait for it.
+The methods import their implementations when they are called, so `import tfdb` is fast.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ __all__ = ["Buffer", "Snapshot", "Transaction"]
 class Buffer(Freezable, _core.NativeBuffer):
     """A store of time-stamped transforms between named frames.
 
-    Any number of threads may read and write at once. A read is answered from one committed state
-    and never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide
-    and write in isolation from all other writers.
+    Any number of threads may read and write at once. Each read sees one committed state and never
+    waits for a writer. Each write is stored as a whole or not at all. `transaction` and `run` read,
+    decide and write in isolation from all other writers.
 
     Parameters
     ----------
@@ -59,27 +59,27 @@ class Buffer(Freezable, _core.NativeBuffer):
     memory_limit
         Largest size of the store in bytes; None: the machine's memory.
     snapshot_memory
-        Largest size in bytes up to which it grows to keep held snapshots readable.
+        Largest size in bytes to which the store grows to keep held snapshots readable.
     clock
         Function that returns the time in nanoseconds, for
         `lookup_latest_transform(max_age=...)`. None: the system's clock.
     concurrency
         Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
-        The others are research engines to compare with: `giant` (one mutex for everything),
-        `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until the end), `silo`
-        (checks at the end what it read), and `fine` (a lock on each frame, taken one after the
-        other), in which batches and transactions are not isolated.
+        The others are research engines for comparison: `giant` (one mutex for everything),
+        `2pl-no-wait`, `2pl-wait-die` and `2pl-wound-wait` (locks on frames, held until the end),
+        `silo` (verifies its reads at the commit), and `fine` (locks one frame after the other;
+        batches and transactions are not isolated).
 
     Raises InvalidArgument, CapacityExceeded.
     """
 
     __slots__ = ("_expectations", "_rules")
-    _expectations: Any  # BufferExpectations, made when they are asked for
-    _rules: Any  # Rules, likewise
+    _expectations: Any  # BufferExpectations, made on first use
+    _rules: Any  # Rules, made on first use
 
     @property
     def rules(self) -> Rules:
-        """The installed rules, their figures, and how many threads run their actions."""
+        """The installed rules, their statistics, and the number of threads for actions."""
         from tfdb.rules.rules import Rules
 
         made: Rules
@@ -111,11 +111,11 @@ class Buffer(Freezable, _core.NativeBuffer):
         Returns
         -------
         Callable
-            A decorator that returns the function as it is.
+            A decorator that returns the function unchanged.
 
         Raises
         ------
-        What `add_rule` raises
+        The errors of `add_rule`.
         """
         buffer = _buffer(self)
         _ = buffer.closed
@@ -143,14 +143,14 @@ class Buffer(Freezable, _core.NativeBuffer):
         action
             `fn(event)`, or `fn(event, tx)` with a transaction on the newest state. The transaction
             commits when the function returns and aborts when it raises. After a Conflict the
-            function runs again, so that effects outside of the store may be repeated.
+            function runs again, so side effects outside the store may be repeated.
         on
-            A pair (target, source), which is touched by every commit to its path; a frame, which is
-            touched by every commit to its edge; a list of either; or `"*"`, every commit. Frames
-            may be missing yet.
+            A pair (target, source): each commit to its path touches it. A frame: each commit to its
+            edge touches it. Or a list of these, or `"*"` for all commits. The frames need not exist
+            yet.
         when
-            The condition: called with the pair's Transform, or with the Changes of a frame. A pair
-            without an answer is False. None: always True.
+            The condition: called with the Transform of a pair, or with the Changes of a frame. It
+            is False for a pair without a transform. None: always True.
         **options
             Fields of `tfdb.rules.RuleOptions`.
 
@@ -161,9 +161,9 @@ class Buffer(Freezable, _core.NativeBuffer):
         Raises
         ------
         InvalidArgument, InvalidName, TypeError
-            An argument is not as above.
+            An argument is invalid.
         NotSupported
-            This process may not wait for commits of the store, or its engine keeps no feed.
+            This process cannot wait for commits of the store, or its engine keeps no feed.
         BufferClosed, TransactionActive
         """
         from tfdb.rules.rule import Rule
@@ -172,7 +172,7 @@ class Buffer(Freezable, _core.NativeBuffer):
 
     @property
     def expectations(self) -> BufferExpectations:
-        """The installed expectations, what is broken now, and a callback for events."""
+        """The installed expectations, those that are broken now, and a callback for events."""
         from tfdb.judging.buffer_expectations import BufferExpectations
 
         made: BufferExpectations
@@ -198,9 +198,9 @@ class Buffer(Freezable, _core.NativeBuffer):
         enforce: bool = False,
         **limits: Unpack[Limits],
     ) -> Installed:
-        """Judge the commits from now on, until `remove()`: an event begins where a limit is broken.
+        """Check the commits from now on, until `remove()`: a broken limit begins an event.
 
-        One thread of the buffer judges all that is expected. The events go to `events()`, to
+        One thread of the buffer checks all expectations. The events go to `events()`, to
         `expectations.on_event` and to the logger `tfdb.expectations`.
 
         ```python
@@ -212,28 +212,29 @@ class Buffer(Freezable, _core.NativeBuffer):
         Parameters
         ----------
         parent, child
-            Names of the edges, which may contain `*`. An edge that is named in full is `missing`
-            until it has a sample. Instead of both: Expectations, as of a file.
+            Frames of the edges; `*` stands for any letters. An edge without `*` in its names is
+            `missing` until it has a sample. In place of both: Expectations, such as those of a
+            file.
         enforce
-            Let lookups of this buffer, its snapshots and its transactions raise Stale over an edge
-            whose lifespan is over, at any stamp. The age is that of the edge's newest sample in the
-            state that is read, by the store's `clock`.
+            If the lifespan of an edge is over, lookups over it raise Stale, at any stamp: those of
+            this buffer, its snapshots and its transactions. The age is that of the edge's newest
+            sample in the read state, by the store's `clock`.
         **limits
             Fields of `tfdb.judging.Limits`, with the units of docs/howto/expectations.md.
 
         Returns
         -------
         Installed
-            A context manager that removes them.
+            A context manager that removes the expectations at its end.
 
         Raises
         ------
         InvalidArgument
-            A limit is not valid, or contradicts what is installed: the same edge or authority, a
-            second default, another parent of a child, or another clock. With `enforce`: no
-            limit is a lifespan, ages count from arrivals, or the buffer has a `clock=` of its own.
+            A limit is invalid, or contradicts an installed expectation: the same edge or authority,
+            a second default, another parent of a child, or another clock. With `enforce`: a
+            lifespan is missing, ages count from arrivals, or the buffer has its own `clock=`.
         NotSupported
-            This process may not wait for commits of the store, or its engine keeps no feed.
+            This process cannot wait for commits of the store, or its engine keeps no feed.
         BufferClosed, TransactionActive
         """
         from tfdb.judging.buffer_expectations import expectations_of
@@ -242,7 +243,7 @@ class Buffer(Freezable, _core.NativeBuffer):
         return _buffer(self).expectations._add(wanted, enforce=enforce)
 
     def events(self, *, max_pending: int = 1000) -> EventStream:
-        """Return a stream of the events that follow: each once, in their order.
+        """Return a stream of the later events: each once, in order.
 
         Parameters
         ----------
@@ -257,7 +258,7 @@ class Buffer(Freezable, _core.NativeBuffer):
         Raises
         ------
         InvalidArgument
-            The number is not 1 or more.
+            `max_pending` is not an integer of at least 1.
         BufferClosed
         """
         return _buffer(self).expectations._events(max_pending)
@@ -268,14 +269,14 @@ class Buffer(Freezable, _core.NativeBuffer):
         """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
         Trajectory files are recognised by their extensions (`.tum`, `.txt`, `.csv`, `.npz`,
-        `.parquet`), and may be TUM, KITTI or EuRoC. A file is one moving edge, T[world<-body] if it
-        names no frames; `rename` gives other names.
+        `.parquet`), and may be TUM, KITTI or EuRoC. A file becomes one moving edge. If it names no
+        frames, the edge is T[world<-body]; `rename` sets other names.
 
-        The files are checked before the first commit, so a damaged one leaves the buffer unchanged.
-        They must not change during the load. Each message is one commit, in the order of receive
-        times. A refused transform is counted and skipped, the others of its message are stored. A
-        damaged message is skipped. A buffer with a limited history (10 s by default) drops the
-        beginning of a long recording: the report and a TfdbWarning count the samples.
+        The files are checked before the first commit, so a damaged file leaves the buffer
+        unchanged. They must not change during the load. Each message is one commit, in the order of
+        receive times. A refused transform is counted and skipped; the others of its message are
+        stored. A damaged message is skipped. A buffer with a limited history (10 s by default)
+        drops the beginning of a long recording: the report and a TfdbWarning count the samples.
         `Buffer(history=None)` and `tfdb.load` keep everything.
 
         Parameters
@@ -369,7 +370,7 @@ class Buffer(Freezable, _core.NativeBuffer):
         lapped: Literal["raise", "skip"] = "raise",
         poll: float = 0.01,
     ) -> Stream | AnswerStream:
-        """Follow what commits store: a stream gives each sample once, in the order of commits.
+        """Return a stream of the stored samples: each once, in the order of commits.
 
         ```python
         with buf.follow(["base"]) as stream:
@@ -380,37 +381,38 @@ class Buffer(Freezable, _core.NativeBuffer):
         Parameters
         ----------
         frames
-            Frames, or one: only samples of their edges. They may be missing yet. None: all.
+            A frame or several: only samples of their edges. They need not exist yet. None: all.
         pair
-            Instead of frames: (target, source). The stream gives the answer of `lookup_transform`
-            without a stamp, each time a commit changes it.
+            In place of frames: (target, source). The stream returns the result of
+            `lookup_transform` without a stamp, each time a commit changes it.
         since
-            None: commits from now on. A commit number: those after it, as far as the feed reaches.
-            `"held"`: first all samples of the newest state, then what comes, without a gap between.
+            None: commits from now on. A commit number: later commits, as far as the feed reaches.
+            `"held"`: all samples of the newest state, then those of later commits, without a gap.
         hold
-            Whether the stream holds a snapshot of its position, so that no sample is gone before it
-            is read. A reader that stands still then keeps memory, up to `snapshot_memory`;
-            `memory()` tells how much. Without it, `gone` counts what was lost, and a pair is looked
-            up in the newest state only.
+            Hold a snapshot of the stream's position, so that no sample is dropped before it is
+            read. A slow reader then uses memory, up to `snapshot_memory`; `memory()` shows it.
+            Without it, `gone` counts the lost samples, and a pair is looked up in the newest state
+            only.
         min_separation
-            Seconds: of each edge, leave out samples whose stamp is not so much later than that of
-            the one before. Static transforms are never left out.
+            Smallest time in seconds from one returned sample of an edge to the next; other samples
+            are skipped. Static transforms are never skipped.
         lapped
-            What happens when commits leave the feed before they are read. `raise`: FeedLapped once,
-            and the next read goes on. `skip`: it goes on. `missed` counts them in both cases.
+            What happens if commits leave the feed before they are read. `raise`: the read raises
+            FeedLapped, and the next one continues. `skip`: it continues at once. `missed` counts
+            these commits in both cases.
         poll
-            Seconds between looks where this process may not wait for commits.
+            Seconds between two polls, if this process cannot wait for commits.
 
         Returns
         -------
         Stream
-            Of samples; AnswerStream of a pair.
+            A stream of samples. With a pair, an AnswerStream.
 
         Raises
         ------
         InvalidArgument
-            Frames and a pair; a commit that does not exist yet; a pair since a commit; a value
-            below 0.
+            Both frames and a pair are given, or a pair with a commit number; the commit does not
+            exist yet; a value is negative.
         InvalidName
             No frame can have the name.
         NotSupported
@@ -420,7 +422,7 @@ class Buffer(Freezable, _core.NativeBuffer):
         Warns
         -----
         TfdbWarning
-            This process may not wait for commits of the shared store: the stream polls.
+            This process cannot wait for commits of the shared store: the stream polls.
         """
         from tfdb.streams.follow import follow
 
@@ -437,11 +439,11 @@ class Buffer(Freezable, _core.NativeBuffer):
         Parameters
         ----------
         parent, child
-            Frame names. The poses are stored as T[parent<-child], under whatever names the
-            trajectory has for its own frames.
+            Frame names. The poses are stored as T[parent<-child]; the frame names of the trajectory
+            do not matter.
         trajectory
             A `Trajectory`, or any object with `stamps` (N,) in nanoseconds and `poses` (N, 7). Rows
-            that are NaN as a whole are left out.
+            that are NaN as a whole are skipped.
         authority
             As in `set_transforms`.
 
@@ -452,7 +454,7 @@ class Buffer(Freezable, _core.NativeBuffer):
 
         Raises
         ------
-        What `set_transforms` raises. Nothing was stored then.
+        The errors of `set_transforms`. Then nothing was stored.
         """
         from tfdb.trajectories.storing import store_trajectory
 
@@ -469,45 +471,44 @@ class Buffer(Freezable, _core.NativeBuffer):
         """Run `fn(tx)` in a transaction, and repeat it until its commit succeeds.
 
         `fn` may be called several times: side effects outside `tx` must be idempotent. An attempt
-        that ends in a Conflict stores nothing. Before the next one a random time passes, up to 0.1
-        ms after the first, twice as long after each next, never more than 10 ms. An attempt keeps
+        that ends in a Conflict stores nothing. A random wait precedes the next attempt: up to 0.1
+        ms after the first conflict, doubled with each further one, at most 10 ms. All attempts have
         the seniority of the first. After eight conflicts the ninth attempt runs alone: writers wait
-        for it, so it cannot conflict. `fn` is called at most nine times, and its commit succeeds
-        unless `retries` or `timeout` set a closer limit.
+        for it, so it cannot conflict. So `fn` is called at most nine times, and its commit succeeds
+        unless `retries` or `timeout` set a lower limit.
 
         Parameters
         ----------
         fn
-            Called with an open `Transaction`; it need not commit. Any exception of its own aborts
-            the transaction and is raised. It reads and writes through the
-            transaction only (TransactionActive), and is done when it returns: not `async def`, no
-            generator.
+            Called with an open `Transaction`, which is committed when `fn` returns. Its own
+            exceptions abort the transaction and are raised. It must read and write through the
+            transaction only (TransactionActive), and must not be `async def` or a generator.
         retries
-            How many attempts may follow the first; 8, the default, are always enough.
+            Largest number of attempts after the first. The default, 8, always suffices.
         timeout
-            Seconds after which no further attempt begins; None: no limit. The first one always
-            does.
+            Seconds after which no further attempt begins; None: no limit. The first attempt always
+            runs.
         priority
             From 0 to 7, as in `transaction`.
 
         Returns
         -------
         object
-            What `fn` returned in the attempt that was committed.
+            The result of `fn` in the committed attempt.
 
         Raises
         ------
         Conflict
-            The last one, with `attempts`, when retries or time were used up.
+            The last conflict, with `attempts`, after all retries or at the timeout.
         InvalidArgument
-            A number that is out of its range.
+            A number is out of its range.
         TransactionActive
-            This thread has a transaction open in the store already; also where `fn` reads from the
-            Buffer itself, or writes to it.
+            This thread has a transaction open in the store, or `fn` reads from or writes to the
+            Buffer itself.
         TypeError
-            `fn` cannot be called, or returned before it did its work. Nothing was stored.
+            `fn` is not callable, or returned a coroutine or generator. Nothing was stored.
         CycleError, CapacityExceeded
-            At the commit. Nothing was stored.
+            The commit failed. Nothing was stored.
         """
         from tfdb.store.transactions import run_until_won
 
@@ -527,17 +528,18 @@ class Buffer(Freezable, _core.NativeBuffer):
     ) -> int:
         """Give a frame another parent from a stamp on, in one commit.
 
-        Without a pose the frame stays where it is: at the stamp T[parent<-child] is what the store
-        says of the two before. It is `Transaction.reparent` in a transaction of its own.
+        Without a pose the frame keeps its place: T[parent<-child] at the stamp is computed from the
+        store. It runs `Transaction.reparent` in a transaction of its own.
 
         Parameters
         ----------
         child, parent
             Frame names.
         stamp
-            From when on, nanoseconds; None: the child's edge is static, and holds at all times.
+            First stamp of the new parent, nanoseconds. None: the new edge is static, and holds at
+            all times.
         translation, rotation, rpy, wxyz
-            T[parent<-child] as in `set_transform`; none of them: the frame stays where it is.
+            T[parent<-child] as in `set_transform`; without them the frame keeps its place.
         authority
             As in `set_transform`.
 
@@ -548,7 +550,7 @@ class Buffer(Freezable, _core.NativeBuffer):
 
         Raises
         ------
-        What `Transaction.reparent` and `run` raise. Nothing was stored then.
+        The errors of `Transaction.reparent` and `run`. Then nothing was stored.
         """
         from tfdb.store.transactions import commit_of
 
@@ -576,36 +578,35 @@ class Buffer(Freezable, _core.NativeBuffer):
     ) -> Buffer:
         """Open a shared store, or create it.
 
-        It is a `Buffer` like any other, with the same guarantees among processes as among threads:
-        a commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No
-        process's death, at whatever instruction, stops or tears anything: readers go on, and the
-        next writer takes back what the dead one had not committed. Only a store that is nearly full
-        gives up held snapshots to get back the memory of many dead writers (SnapshotTooOld). The
-        store stays until `Buffer.unlink`, or until the machine restarts.
+        It is a `Buffer` with the same guarantees among processes as among threads: a commit is
+        visible as a whole or not at all, a snapshot does not change, readers never wait. A process
+        that dies at any instruction blocks and corrupts nothing: readers continue, and the next
+        writer undoes its unfinished commit. Only a store that is nearly full drops held snapshots,
+        to reclaim the memory of many dead writers (SnapshotTooOld). The store stays until
+        `Buffer.unlink`, or until the machine restarts.
 
         Parameters
         ----------
         name
             One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
         create
-            True: create it, it must not exist; False: it must exist; None: create it if it is
+            True: create it; it must not exist. False: it must exist. None: create it if it is
             missing. mode="r" never creates a store.
         mode
-            `rw`: read and write. `r`: read only; the store's memory cannot be written to, even by
-            mistake.
+            `rw`: read and write. `r`: read only; the store's memory is mapped read-only.
         history, max_frames, snapshot_memory
-            As in `Buffer`. They, and the arguments down to `group`, count where the store is made;
-            one that is there keeps its own.
+            As in `Buffer`. These arguments, and those down to `group`, apply to a new store only;
+            an existing store keeps its own values.
         size
-            Bytes that it may grow to. Memory is taken as it grows; beyond, writes raise
+            Largest size in bytes. Memory is used as the store grows. Writes beyond the size raise
             CapacityExceeded.
         permissions, group
             Permissions and group of its files. By default only this user may open it; 0o640 lets
-            the group read, 0o660 also write. A process that may write can damage the store's
-            memory: trust it.
+            the group read, 0o660 also write. Let only trusted processes write: they can damage the
+            store's memory.
         lock_timeout
             Seconds that a write waits for the write of another process before it raises
-            LockTimeout; None: without limit. Dead processes are not waited for, suspended ones are.
+            LockTimeout; None: no limit. Writes wait for suspended processes, not for dead ones.
             Ctrl-C ends the wait.
         clock
             As in `Buffer`.
@@ -637,7 +638,7 @@ class Buffer(Freezable, _core.NativeBuffer):
 
     @staticmethod
     def unlink(name: Name) -> None:
-        """Remove a store. Processes that have it open can still use it; the last frees its memory.
+        """Remove a store. Processes that have it open can still use it; the last one frees it.
 
         Parameters
         ----------
@@ -661,10 +662,10 @@ class Buffer(Freezable, _core.NativeBuffer):
         *,
         policy: Policy | None = None,
     ) -> Coroutine[Any, Any, Transform]:
-        """Do as `wait_for_transform` does, in a coroutine of asyncio.
+        """Wait as `wait_for_transform` does, in an asyncio coroutine.
 
-        One thread of the process waits for all coroutines that wait on the buffer; it ends a second
-        after the last of them. A coroutine that is cancelled leaves nothing behind.
+        One thread waits for all coroutines of the buffer; it ends a second after the last wait. A
+        cancelled coroutine leaves nothing behind.
 
         Parameters
         ----------
@@ -677,7 +678,7 @@ class Buffer(Freezable, _core.NativeBuffer):
 
         Raises
         ------
-        What `wait_for_transform` raises
+        The errors of `wait_for_transform`.
         """
         from tfdb.store.waiting import transform
 
@@ -687,7 +688,7 @@ class Buffer(Freezable, _core.NativeBuffer):
     def wait_for_commit_async(
         self, after: int, timeout: float | None = None
     ) -> Coroutine[Any, Any, int]:
-        """Do as `wait_for_commit` does, in a coroutine of asyncio: see `wait_for_transform_async`.
+        """Wait as `wait_for_commit` does, in an asyncio coroutine: see `wait_for_transform_async`.
 
         Parameters
         ----------
@@ -701,7 +702,7 @@ class Buffer(Freezable, _core.NativeBuffer):
 
         Raises
         ------
-        What `wait_for_commit` raises
+        The errors of `wait_for_commit`.
         """
         from tfdb.store.waiting import commit
 
@@ -709,10 +710,9 @@ class Buffer(Freezable, _core.NativeBuffer):
         return commit(self, after, timeout)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle a store that processes share by its name, a frozen one by its file, others whole.
+        """Pickle a shared store by its name, a frozen one by its file, others with their state.
 
-        The whole state of the latter is in the pickle. It arrives as a frozen store, which is read
-        as the original was when it was pickled, and cannot be written.
+        A pickled state becomes a frozen store without a file, which is read-only.
         """
         from tfdb.store import frozen, shared
 
@@ -724,7 +724,7 @@ class Buffer(Freezable, _core.NativeBuffer):
 
 
 def _buffer(self: object) -> Buffer:
-    """Refuse what is not a Buffer when a method is called, not when its coroutine runs."""
+    """Refuse other objects than Buffers when a method is called, not when its coroutine runs."""
     if not isinstance(self, Buffer):
         raise TypeError(f"a method of Buffer was called on a {type(self).__name__}")
     return self

@@ -1,4 +1,4 @@
-"""Every error of tfdb; `TfdbError` is the root. `tfdb` offers the eight that programs catch.
+"""All errors of tfdb; `TfdbError` is the root. The eight most used are also attributes of `tfdb`.
 
 >>> import tfdb
 >>> issubclass(tfdb.errors.GapTooLarge, tfdb.TfdbError)

@@ -1,6 +1,6 @@
-"""Reads of buffers, snapshots and transactions beside those of the extension.
+"""Reads of buffers, snapshots and transactions that are written in Python.
 
-What does a method's work is imported when it is called: `import tfdb` does not wait for it.
+The methods import their implementations when they are called, so `import tfdb` is fast.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class SharedReads:
     ) -> Explanation:
         """Explain why `lookup_transform` with these arguments has an answer or fails.
 
-        Walks the path edge by edge: which samples are used, or why there is none and which stamps
-        would be valid. All of it is read from one snapshot.
+        It describes each edge of the path: the samples that are used, or why none is valid and
+        which stamps would be. All reads are from one snapshot.
 
         Parameters
         ----------
@@ -86,9 +86,9 @@ class SharedReads:
         policy
             How stamps between samples are answered. None: Interpolate().
         missing
-            For a stamp without a pose. `raise`: the error of the first one, with its `index`.
-            `nan`: a pose of NaN. `skip`: no row; if no pose is left, the first error is raised.
-            Frames without a path always raise, except with a rate, `start` and `end`.
+            What happens at a stamp without a pose. `raise`: its error is raised, with its `index`.
+            `nan`: its pose is NaN. `skip`: it is left out; if no pose is left, the first error is
+            raised. Frames without a path always raise, except with a rate, `start` and `end`.
 
         Returns
         -------
@@ -98,9 +98,9 @@ class SharedReads:
         Raises
         ------
         InvalidArgument
-            A rate that is not positive, `end` before `start`, or another `missing`. Without a rate:
-            no stored stamp between `start` and `end`; `Trajectory.crop` would return an empty
-            trajectory. Without `start` and `end`: no edge of the path moves.
+            The rate is not positive, `end` is before `start`, or `missing` is another word. Without
+            a rate: no stored stamp from `start` to `end`. Without `start` and `end`: no edge of the
+            path moves.
         Extrapolation, and the other errors of `lookup_transforms`
             With `index`, the position of the stamp.
         """
@@ -138,7 +138,7 @@ class SharedReads:
 
         Raises
         ------
-        What `children` raises
+        The errors of `children`.
         """
         from tfdb.store.forest import descendants as find
 
@@ -150,7 +150,7 @@ class SharedReads:
         Parameters
         ----------
         target, source
-            The first and the last of the list; the same one twice gives it once.
+            The first and the last frame of the list. If both are one frame, the list has only it.
         stamp
             As in `children`. The edges of the path need no data at that stamp.
 
@@ -176,7 +176,7 @@ class SharedReads:
             return False
 
     def __bool__(self) -> Literal[True]:
-        """Return True, also without frames, so that `if buffer:` tests for None."""
+        """Return True, even without frames, so that `if buffer:` tests for None."""
         _reads(self)
         return True
 
@@ -196,10 +196,10 @@ class Freezable(SharedReads):
         """Write one committed state into a file, which `tfdb.open` opens in constant time.
 
         Reads of the frozen store return exactly what this state returns; its `commit` is the same.
-        The file is written beside its name, brought to the disk and renamed, so it is complete or
-        absent. Only the version of tfdb and the kind of machine that wrote it can read it: keep the
-        recording. The file lacks the feed of changes and the positions of sources
-        (`Buffer.positions`), so `apply` cannot go on with it.
+        The file appears under its name when it is complete and synced to the disk. Keep the
+        recording: other versions of tfdb and other kinds of machines cannot read the file. It has
+        neither the feed of changes nor the positions of sources (`Buffer.positions`), so `apply`
+        cannot continue with it.
 
         Parameters
         ----------
@@ -211,7 +211,7 @@ class Freezable(SharedReads):
         Raises
         ------
         InvalidArgument
-            The name is taken and `overwrite` is off, or it is that of a folder.
+            The file exists and `overwrite` is off, or the path is a folder.
         CapacityExceeded
             The disk is full; no partial file is left.
         SnapshotTooOld, SnapshotClosed
@@ -226,10 +226,9 @@ class Freezable(SharedReads):
 class Snapshot(Freezable, _core.NativeSnapshot):
     """One committed state.
 
-    `Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is
-    written meanwhile. Use it as a context manager, or close() it: while open it keeps old samples
-    in memory. Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the
-    memory.
+    `Buffer.snapshot()` makes it. All its reads see exactly that commit, whatever is written later.
+    Use it as a context manager, or close() it: an open snapshot keeps old samples in memory. Reads
+    raise SnapshotClosed after close(), and SnapshotTooOld if the writers needed the memory.
     """
 
     __slots__ = ()
@@ -238,27 +237,27 @@ class Snapshot(Freezable, _core.NativeSnapshot):
 class Transaction(SharedReads, _core.NativeTransaction):
     """Read, decide and write in isolation from all other writers.
 
-    `Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store
-    and, over it, what the transaction itself has written. Leaving the block commits: all writes
-    become visible at once. After an exception or `abort()` nothing is stored.
+    `Buffer.transaction()` makes it, and a `with` statement begins it. Reads see one state of the
+    store and the transaction's own writes. The end of the block commits: all writes become visible
+    at once. After an exception or `abort()` nothing is stored.
 
-    Conflict, from any call or from the end of the block: another commit changed what was read, in a
-    way that could change an answer (a sample, a parent, a frame that came or went). Nothing was
-    stored then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
+    Any call, and the end of the block, may raise Conflict: another commit changed data that was
+    read (a sample, a parent, a new or removed frame), so a result could differ. Then nothing was
+    stored, and the transaction has ended. Run it again, or use `Buffer.run`, which repeats it. With
     `Buffer(concurrency='fine')` nothing is checked.
 
-    Only the thread that began it may use it (WrongThread); what is open when that thread ends is
-    aborted. Meanwhile that thread must not write to the Buffer itself, read from it or begin
-    another transaction in it (TransactionActive): nothing would notice if what it read there had
-    changed at the commit. Snapshots taken before may be read, in the engine `snapshot`. After its
-    end every call raises TransactionClosed.
+    Only the thread that began it may use it (WrongThread). A transaction that is open when its
+    thread ends is aborted. While it is open, its thread must not read from the Buffer itself, write
+    to it, or begin another transaction in it (TransactionActive): such reads are not checked at the
+    commit. With the engine `snapshot`, earlier snapshots may be read. After the end every call
+    raises TransactionClosed.
     """
 
     __slots__ = ()
 
 
 def _reads(self: object) -> StoreReader:
-    """Refuse what has no reads. Those of a Transaction have the same names."""
+    """Refuse objects other than buffers, snapshots and transactions."""
     if not isinstance(self, _core.StoreReader | _core.NativeTransaction):
         raise TypeError(f"a method of StoreReader was called on a {type(self).__name__}")
     return cast("StoreReader", self)

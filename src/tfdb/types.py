@@ -1,4 +1,4 @@
-"""The types of arguments and results that are not at the top of `tfdb`."""
+"""The types of arguments and results that are not attributes of `tfdb` itself."""
 
 from __future__ import annotations
 

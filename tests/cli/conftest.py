@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from tfdb.cli.app import cli
 
-# Click 8.1 has to be asked to keep the two streams apart, 8.2 does so always.
+# Click 8.1 separates stdout and stderr on request only, 8.2 always.
 _APART = "mix_stderr" in inspect.signature(CliRunner.__init__).parameters
 RUNNER = CliRunner(**({"mix_stderr": False} if _APART else {}))
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run printed and how it ended."""
+    """Output and exit code of a run."""
 
     code: int
     out: str
@@ -32,14 +32,14 @@ class Outcome:
 
     @property
     def json(self) -> dict[str, Any]:
-        """The one object on stdout."""
+        """The JSON object on stdout."""
         body = json.loads(self.out)
         assert body["tfdb"] == 1
         return dict(body)
 
     @property
     def error(self) -> str:
-        """The one line on stderr."""
+        """The single line on stderr."""
         assert self.code == 2, self.out + self.err
         (line,) = self.err.strip().splitlines()
         assert line.startswith("tfdb: error: ")
@@ -47,10 +47,10 @@ class Outcome:
 
 
 class Tool:
-    """`tfdb` with arguments."""
+    """Runs `tfdb`."""
 
     def __call__(self, *arguments: object, stdin: str | None = None, code: int = 0) -> Outcome:
-        """Run in this process; `code` is what it must end with."""
+        """Run in this process; `code` is the expected exit code."""
         done = RUNNER.invoke(cli, [str(a) for a in arguments], input=stdin)
         if done.exception is not None and not isinstance(done.exception, SystemExit):
             raise done.exception
@@ -59,7 +59,7 @@ class Tool:
         return outcome
 
     def check_answers(self, store: object, recording: object) -> None:
-        """A store says what the recording that is in it says, but for what only files have."""
+        """Check that a store and its recording give the same output, except for facts of files."""
         for command in (
             ("info",),
             ("tree",),
@@ -102,7 +102,7 @@ class Tool:
 
 @pytest.fixture(autouse=True)
 def unlimited(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the machine's terminal, commands print all columns into pipes."""
+    """Let commands print all columns, for any terminal of the machine."""
     monkeypatch.delenv("COLUMNS", raising=False)
 
 

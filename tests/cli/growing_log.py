@@ -1,4 +1,4 @@
-"""A log that grows message by message."""
+"""A log of transforms that grows message by message."""
 
 from __future__ import annotations
 

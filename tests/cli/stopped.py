@@ -1,7 +1,7 @@
-"""The program, ended amid writing; run as `stopped.py HOW ARGUMENT...`.
+"""Runs `tfdb` and ends it while it writes: `stopped.py HOW ARGUMENT...`.
 
-Where a file is written and has not got its name yet, a signal comes (HOW is its number), or, for
-HOW `pipe`, the reader of stdout is gone.
+Before a written file gets its name, the process gets the signal HOW. For HOW `pipe`, the reader of
+stdout closes the pipe instead.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Roll, pitch and yaw give the rotation back."""
+"""Printed roll, pitch and yaw describe the looked-up rotation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tfdb.cli.angles import pose_body
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Of Rz(yaw) Ry(pitch) Rx(roll), angles in degrees."""
+    """Return the quaternion of Rz(yaw) Ry(pitch) Rx(roll), angles in degrees."""
     result = np.array([0.0, 0.0, 0.0, 1.0])
     for axis, angle in ((2, yaw), (1, pitch), (0, roll)):
         step = np.zeros(4)
@@ -33,7 +33,7 @@ def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def roll_pitch_yaw(rotation: np.ndarray) -> list[float]:
-    """In degrees, as commands print them."""
+    """Return the printed angles in degrees."""
     found: list[float] = pose_body(tfdb.Transform("a", "b", (1, 2, 3), rotation))["rpy_deg"]
     return found
 

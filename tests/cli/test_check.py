@@ -24,7 +24,7 @@ MD5 = "94810edda583a504dfda3829e70d7eec"
 
 
 class BagMaker:
-    """Writes a ROS 1 bag of TFMessages, with the library that others use."""
+    """Writes a ROS 1 bag of TFMessages with a third-party library."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -38,14 +38,14 @@ class BagMaker:
         publisher: str = "/ekf",
         topic: str = "/tf",
     ) -> None:
-        """One message that arrives so many seconds after the start."""
+        """Add one message that arrives at a time in seconds after the start."""
         data = transforms
         if not isinstance(data, bytes):
             data = tfdb.encode_tf_message(data, "ros1")
         self.messages.append((START + round(seconds * S), topic, publisher, data))
 
     def add_drive(self, seconds: int = 5, publisher: str = "/ekf") -> None:
-        """A healthy edge at 10 Hz."""
+        """Add an edge at 10 Hz without faults."""
         for i in range(seconds * 10):
             self.add(i / 10, [moved("odom", "base", i / 10, i / 20)], publisher=publisher)
 

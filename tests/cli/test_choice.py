@@ -1,4 +1,4 @@
-"""Options of reading: every command takes the same ones."""
+"""All commands that read recordings have the same selection options."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_bad_options(tool: Any, bag: Path, given: tuple[str, ...], words: str) -
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    """Odometry as Foxglove's JSON, joint states as ROS 1 has them, and no /tf."""
+    """A recording of odometry in Foxglove's JSON and ROS 1 joint states, without /tf."""
     path = tmp_path / "arm.mcap"
     with path.open("wb") as file:
         writer = McapWriter(file)
@@ -157,7 +157,7 @@ def arm(tmp_path: Path) -> Path:
 
 
 def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path) -> None:
-    """The eye is at T[map<-base] (0, 0, lift + 0.5), as every command says."""
+    """Each command computes the eye at T[map<-base] (0, 0, lift + 0.5)."""
     given = ("--pose-topic", "/where=base", "--urdf", arm.with_suffix(".urdf"))
     found = tool("lookup", arm, "map", "eye", "3", *given, "--json").json
     assert found["translation"] == pytest.approx([3, 0, 0.8])

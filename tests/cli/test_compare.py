@@ -1,4 +1,4 @@
-"""`tfdb compare`: the numbers of Python, text that fits, files, errors."""
+"""`tfdb compare`: the same numbers as in Python, text width, files, errors."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_nothing_is_broken(
     ):
         shown = tool("compare", *arguments).out
         for line in shown.splitlines():
-            if len(line) > width:  # one name alone
+            if len(line) > width:  # only one frame name
                 assert any(name in line for name in (LONG, str(bag), str(folder)))
         for name in names:
             assert name in shown

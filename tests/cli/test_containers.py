@@ -55,7 +55,7 @@ def test_every_command_reads_them(tool: Any, tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("command", ["convert", "merge"])
 @pytest.mark.parametrize("end", ["bag", "mcap", "db3"])
 def test_they_become_messages_of_tf(tool: Any, tmp_path: Path, command: str, end: str) -> None:
-    """By the names of tf's topics, moving and static, in the namespace that they had."""
+    """The topics are /tf and /tf_static of their old namespace."""
     expected = export(tmp_path / "in.mcap")
     out = tmp_path / f"out.{end}"
     other = [CASES / "json_iso.mcap"] if command == "merge" else []
@@ -77,7 +77,7 @@ def test_a_missing_time_is_reported(tool: Any, tmp_path: Path) -> None:
 
 
 def test_a_renamed_part_is_reported(tool: Any, tmp_path: Path) -> None:
-    """Each command says once how a folder was read whose metadata names other files."""
+    """If the metadata of a folder names other files, each command prints one warning."""
     folder = CASES / "d_renamed"
     words = "names are missing: d_good.db3; other.db3 is read instead"
     for command in (

@@ -1,4 +1,4 @@
-"""The doctor finds each planted fault, and none in healthy data."""
+"""`tfdb check` finds each planted fault, and none in good data."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def pose(x: float, w: float = 1.0) -> np.ndarray:
 
 
 def healthy() -> Log:
-    """Ten seconds of two edges at 10 Hz from one publisher each, and a static one."""
+    """Make ten seconds of two edges at 10 Hz, with one publisher each, and of a static edge."""
     log = Log()
     log.add([("base", "lidar", START, STILL)], arrival=START, publisher="/urdf", static=True)
     for i in range(100):
@@ -88,7 +88,7 @@ def test_a_few_stamps_ahead_are_no_habit() -> None:
 
 
 def moving(poses: np.ndarray, step: int = 20 * MS, parent: str = "odom") -> Log:
-    """One edge with these poses, evenly spaced."""
+    """Make an edge with these poses, evenly spaced in time."""
     log = Log()
     for i, each in enumerate(poses):
         stamp = START + i * step
@@ -102,7 +102,7 @@ def kinds(poses: np.ndarray, step: int = 20 * MS) -> list[str]:
 
 
 def walk(count: int, speed: float, step: float = 0.02) -> np.ndarray:
-    """Poses of something that drives along x and turns slowly."""
+    """Make poses that move along x and rotate slowly."""
     poses = np.zeros((count, 7))
     poses[:, 0] = np.arange(count) * speed * step
     poses[:, 5] = np.sin(np.arange(count) * 0.001)
@@ -111,7 +111,7 @@ def walk(count: int, speed: float, step: float = 0.02) -> np.ndarray:
 
 
 def turned(poses: np.ndarray, degrees: float) -> np.ndarray:
-    """The same poses, turned about x."""
+    """Rotate poses about x."""
     half = np.radians(degrees) / 2
     made = poses.copy()
     z, w = poses[:, 5], poses[:, 6]
@@ -289,12 +289,12 @@ def test_jump_below_the_limit_is_late_data() -> None:
 
 @pytest.mark.parametrize("lost", [0, 20])
 def test_stalled_delivery_is_not_a_jump(lost: int) -> None:
-    """Five seconds in which nothing arrives, then all at once, or all but the oldest of it."""
+    """After five seconds without arrivals, all messages arrive at once, or all but the oldest."""
     log = Log()
     for i in range(200):
         arrival = START + i * 100 * MS
         if 50 <= i < 100:
-            arrival = START + 100 * 100 * MS + i  # kept back, then one after the other
+            arrival = START + 100 * 100 * MS + i  # delayed, then one after the other
         if not 50 <= i < 50 + lost:
             rows = [("odom", "base", START + i * 100 * MS, pose(i))]
             log.add(rows, arrival=arrival, publisher="", static=False)
@@ -376,7 +376,7 @@ def _by_arrival(log: Log) -> Log:
 
 
 def test_many_jumps_are_one_line_and_hide_nothing() -> None:
-    """A bag that loops forty times, with a hole and a late sample in each round."""
+    """A bag loops forty times, with a gap and a late sample in each round."""
     log = Log()
     arrival = START
     for _ in range(40):
@@ -398,7 +398,7 @@ def test_many_jumps_are_one_line_and_hide_nothing() -> None:
 
 def test_a_simulation_at_a_tenth_of_its_speed_is_not_a_jump() -> None:
     log = Log()
-    for i in range(60):  # one sample a second, which takes ten
+    for i in range(60):  # one sample per second, received each ten seconds
         rows = [("odom", "base", START + i * S, pose(i))]
         log.add(rows, arrival=START + i * 10 * S, publisher="", static=False)
     assert examine(log) == []
@@ -415,14 +415,14 @@ def test_a_simulation_at_twenty_times_its_speed_is_not_a_jump() -> None:
 
 def test_slow_simulation_is_not_a_jump() -> None:
     log = Log()
-    for i in range(60):  # arrives ten times slower than its stamps say
+    for i in range(60):  # arrives ten times slower than its stamps
         rows = [("odom", "base", START + i * 100 * MS, pose(i))]
         log.add(rows, arrival=START + i * 1000 * MS, publisher="", static=False)
     assert examine(log) == []
 
 
 def test_delayed_delivery_of_two_publishers_is_not_a_jump() -> None:
-    """Two a millisecond apart, which arrive a microsecond apart, up to 20 ms late."""
+    """Stamps are a millisecond apart, arrivals a microsecond, with delays of up to 20 ms."""
     rng = np.random.default_rng(5)
     log = Log()
     for i, delay in enumerate(rng.integers(0, 20 * MS, 900).tolist()):
@@ -438,7 +438,7 @@ def test_delayed_delivery_of_two_publishers_is_not_a_jump() -> None:
 @pytest.mark.parametrize("pace", [1, 3])
 @pytest.mark.parametrize("jump", [0, -2, 100])
 def test_bursts_are_no_jump_and_hide_none(pace: int, jump: int) -> None:
-    """A second of samples arrives at once, within 2 ms; the clock may jump in the middle."""
+    """The samples of one second arrive within 2 ms; the clock may jump in the middle."""
     log = Log()
     for i in range(2000):
         stamp = START + i * 10 * MS + (jump * S if i >= 1010 else 0)

@@ -36,7 +36,7 @@ def name() -> Iterator[str]:
 
 
 def recorded(folder: Path, times: list[tuple[float, float]]) -> Path:
-    """A recording of one edge, by the time of arrival and the stamp of each sample."""
+    """Record one edge; each sample has an arrival time and a stamp."""
     path = folder / "drive.mcap"
     with tfdb.recordings.RecordingWriter(path) as writer:
         for arrival, stamp in times:
@@ -157,7 +157,7 @@ def test_check_judges_a_store_that_is_silent_while_watched(
     edges = "".join(f'[[edge]]\nparent = "map"\nchild = "{child}"\n' for child in ("base", "arm"))
     file.write_text(f"version = 1\n{edges}")
     with tfdb.Buffer.open(name) as buf:
-        buf.set_transform("map", "base", time.time_ns(), (0, 0, 0))  # and nothing more
+        buf.set_transform("map", "base", time.time_ns(), (0, 0, 0))  # only one sample
         found = findings(tool, f"shm:{name}", "--expect", file, "--for", "1.1", code=1)
     assert set(found) == {("missing", "base"), ("missing", "arm")}
 
@@ -189,7 +189,7 @@ def test_watch_goes_on_after_commits_that_it_missed(capsys: pytest.CaptureFixtur
     def clock() -> int:
         nonlocal now
         now += S // 10
-        if next(steps, None) == 3:  # the first look at the feed is over
+        if next(steps, None) == 3:  # the command has read the feed once
             for i in range(20_000):
                 store.set_transform("map", "base", now + i, (i, 0, 0))
         return now

@@ -139,7 +139,7 @@ def test_a_benchmark_takes_finite_numbers(tool: Tool, option: str, number: str) 
 def test_missing_poses_are_left_out_on_request(
     tool: Tool, mcap: Path, tmp_path: Path, rate: tuple[str, ...]
 ) -> None:
-    """One hand of the clock stops before the other: a gap that a limit does not bridge."""
+    """One edge ends before the other: a gap limit leaves these poses out."""
     buffer = tfdb.Buffer(history=None)
     turn = (0.0, 0.0, np.sin(0.2), np.cos(0.2))
     for i in (*range(11), *range(31, 41)):
@@ -199,7 +199,7 @@ def test_progress_ends_at_the_end(
     "arguments", ["info BAG", "check BAG", "check BAG --json", "poses BAG map odom", "--help"]
 )
 def test_a_closed_pipe_is_not_a_finding(bag: Path, arguments: str) -> None:
-    """It ends as `cat` would: by the signal, in silence."""
+    """The command ends by SIGPIPE without a message, like `cat`."""
     reader, writer = os.pipe()
     os.close(reader)
     command = [sys.executable, "-m", "tfdb.cli", *arguments.replace("BAG", str(bag)).split()]
@@ -218,7 +218,7 @@ def test_a_bug_is_not_a_finding() -> None:
 
 @pytest.mark.parametrize("during", ["inspect", "click", "json"])
 def test_ctrl_c_at_start_prints_no_traceback(tmp_path: Path, during: str) -> None:
-    """Pressed while the program is still importing what it needs."""
+    """Ctrl-C is pressed while the program imports its modules."""
     (tmp_path / f"{during}.py").write_text(
         "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nraise SystemExit(3)\n"
     )
@@ -239,7 +239,7 @@ def test_ctrl_c_at_start_prints_no_traceback(tmp_path: Path, during: str) -> Non
 def test_completion_reads_only_the_beginning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It costs the same for each recording."""
+    """Completion takes the same time for any length of the recording."""
     buffer = tfdb.Buffer(history=None)
     buffer.set_static_transform("base", "base_camera", (1, 2, 3))
     for i in range(2000):
@@ -266,7 +266,7 @@ def test_completion_reads_only_the_beginning(
 
 @pytest.mark.parametrize("command", ["lookup", "poses"])
 def test_completion_imports_little(bag: Path, command: str) -> None:
-    """Most of its time goes into imports."""
+    """Imports take most of the time of a completion."""
     code = """
 import sys
 from tfdb.cli.app import cli
@@ -312,7 +312,7 @@ def test_bench_counts_points_with_one_round() -> None:
 
 
 def test_two_clocks_are_one_finding(tool: Tool, tmp_path: Path) -> None:
-    """A simulated arm on a base of today: twelve edges that start late would say the same."""
+    """An arm has simulated stamps, its base current ones: one finding, not one for each edge."""
     turn = (0.0, 0.0, np.sin(0.2), np.cos(0.2))
     buffer = tfdb.Buffer(history=None)
     for i in range(50):

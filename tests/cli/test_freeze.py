@@ -111,7 +111,7 @@ def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:
 
 
 def test_a_lookup_as_json_imports_neither_numpy_nor_rich(frozen: Path) -> None:
-    """Their imports take longer than the lookup."""
+    """These imports would take longer than the lookup."""
     code = """
 import sys
 from tfdb.cli.app import cli

@@ -1,4 +1,4 @@
-"""`tfdb gaps`: every gap with its time, length and publishers."""
+"""`tfdb gaps`: lists each gap with its time, length and publishers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TURN = (0.0, 0.6, 0.0, 0.8)
 
 
 def record(path: Path, samples: list[tuple[float, str, str, str]], start: int = 0) -> Path:
-    """A recording of (seconds, parent, child, publisher)."""
+    """Record samples given as (seconds, parent, child, publisher)."""
     with RecordingWriter(path) as writer:
         for seconds, parent, child, who in samples:
             stamp = start + round(seconds * S)
@@ -81,7 +81,7 @@ def test_gaps_against_a_loop_over_real_samples(tool: Tool, bag: Path) -> None:
 
 
 def test_gaps_are_those_that_check_counts(tool: Tool, tmp_path: Path) -> None:
-    """A clock that jumps makes none, and late samples fill none that is there."""
+    """A jump of the clock is not a gap, and a late sample does not close one."""
     times = [*(i / 10 for i in range(30)), *(i / 10 for i in range(60, 90))]
     samples = [(t, "map", "base", "/who") for t in times]
     path = record(tmp_path / "jump.bag", samples)
@@ -106,7 +106,7 @@ def test_every_command_counts_the_same_gaps(
     options = () if limit is None else ("--max-gap", str(limit))
 
     store = tfdb.load(path)
-    (edge,) = edge_summaries(store, None if limit is None else wide)  # of `plot timeline`
+    (edge,) = edge_summaries(store, None if limit is None else wide)  # the gaps of `plot timeline`
     assert [[gap.before, gap.after] for gap in edge.gaps] == expected
     listed = tool("gaps", path, *options, "--json").json["gaps"]
     assert [[gap["before_ns"], gap["after_ns"]] for gap in listed] == expected

@@ -50,7 +50,7 @@ def test_help_has_a_purpose_and_an_example(tool: Tool, name: str) -> None:
     assert COMMANDS.get(name, line.strip()) == line.strip()
     match = re.fullmatch(rf"  Example: (tfdb {name}(?: .*)?)", example)
     assert match, example
-    # It is a command that is taken as it stands.
+    # The example is a valid command.
     words = shlex.split(match[1])[1 + len(name.split()) :]
     command = EVERY[name]
     if isinstance(command, click.Group):
@@ -109,7 +109,7 @@ def test_a_mistyped_command_suggests_the_nearest(
 def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> None:
     said = tool("lookup", bag, "map", "base_link", "2.5", code=2).error
     assert said.endswith("; did you mean +2.5, from the start?")
-    # Not of a time within the recording's reach, or too large an offset.
+    # No suggestion for a time near the recording, or an offset longer than it.
     for time in ("1795240000", "12.5", "+12.5"):
         assert "did you mean" not in tool("lookup", bag, "map", "base_link", time, code=2).error
     out = tmp_path / "a.tum"
@@ -119,7 +119,7 @@ def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> No
         (("info", bag, "--start", "2.5"), "start"),
         (("echo", bag, "map", "base_link", "-t", "2.5"), "time"),
     ):
-        code = 2 if name == "time" else 0  # no answer will come
+        code = 2 if name == "time" else 0  # the lookup will fail
         warned = tool(*arguments, code=code).err.splitlines()[0]
         assert warned == (
             f"tfdb: warning: --{name} 2.5 is before the first moving transform; "

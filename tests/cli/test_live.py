@@ -39,7 +39,7 @@ def name() -> Iterator[str]:
 
 @pytest.fixture
 def served(tool: Tool, bag: Path, name: str) -> str:
-    """A store that holds the shipped recording."""
+    """A shared store with the example recording."""
     done = tool("play", bag, "--into", name, "--speed", "inf", "--history", "1000")
     assert "7,180 transforms in 750 messages" in done.out
     assert f"into shm:{name}; Ctrl-C ends it" in done.out
@@ -104,7 +104,7 @@ def test_shm(tool: Tool, served: str) -> None:
     assert set(listed) == {"name", "error", *keys}
     assert set(told) == {"tfdb", "command", "name", "start_ns", "end_ns", *keys}
     assert listed["frames"] == told["frames"] == 85
-    assert told["commit"] == 751  # the last one makes the frames writable
+    assert told["commit"] == 751  # the last commit makes the frames writable
     assert told["permissions"] == "0600"
     assert told["history_s"] == 1000
     assert told["processes"] == 0
@@ -158,7 +158,7 @@ def test_a_recording_that_is_played_again_replaces_itself(
 def test_left_out_messages_take_no_time(
     tool: Tool, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Moving transforms come once a second for a minute, static ones each half."""
+    """Moving transforms are recorded each second for a minute, static ones each half minute."""
     path = tmp_path / "a.mcap"
     with tfdb.recordings.RecordingWriter(path) as writer:
         for second in range(60):
@@ -171,7 +171,7 @@ def test_left_out_messages_take_no_time(
             writer.write(
                 data, second * 10**9, topic="/tf_static" if static else "/tf", static=static
             )
-    times: list[int] = []  # what the clock is set to, and waited for
+    times: list[int] = []  # the last set time, and the due times since
 
     def is_due(player: Player) -> bool:
         times.append(player._due)
@@ -241,7 +241,7 @@ def test_broken_files_are_not_served(tool: Tool, bag: Path, name: str, tmp_path:
 
 
 def test_serve_and_watch(tool: Tool, bag: Path, name: str) -> None:
-    """In a loop, until Ctrl-C; the store stays."""
+    """`play --loop` runs until Ctrl-C; the store stays."""
     command = [sys.executable, "-m", "tfdb.cli", "play", str(bag), "--into", name]
     with subprocess.Popen(
         [*command, "--loop", "--speed", "20", "--json"], stdout=subprocess.PIPE
@@ -255,7 +255,7 @@ def test_serve_and_watch(tool: Tool, bag: Path, name: str) -> None:
                     assert server.poll() is None
             while store.commit < 800:  # the second round
                 assert server.poll() is None
-            kinds = ("time-jump", "gap", "coverage", "late")  # of a server on a busy machine
+            kinds = ("time-jump", "gap", "coverage", "late")  # a busy machine delays the server
             ignored = [word for kind in kinds for word in ("--ignore", kind)]
             watched = tool("check", f"shm:{name}", "--for", "0.3s", *ignored, "--json")
             assert watched.json["messages"] is None
@@ -271,7 +271,7 @@ def test_serve_and_watch(tool: Tool, bag: Path, name: str) -> None:
 
 
 def test_findings_of_a_watched_store(name: str) -> None:
-    """Late samples, commit by commit: nothing of it is guessed from the state."""
+    """Late samples are found from the commits, not from the state."""
     store = tfdb.Buffer.open(name, history=None)
     store.set_transform("map", "base", 5, (1, 2, 3), TURN)
     store.set_static_transform("base", "camera", (1, 2, 3), TURN)
@@ -290,7 +290,7 @@ def test_findings_of_a_watched_store(name: str) -> None:
 
 
 def test_a_late_follower_continues(name: str, tool: Tool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """More commits than the feed holds between two looks: their number is told."""
+    """If more commits occur than the feed holds, the number of missed ones is reported."""
     store = tfdb.Buffer.open(name)
     store.set_transform("map", "base", 1, (1, 2, 3), TURN)
     ahead = 20_000

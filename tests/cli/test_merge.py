@@ -25,7 +25,7 @@ def record(
     static: dict[tuple[str, str], float] | None = None,
     publisher: str = "/who",
 ) -> Path:
-    """Edges with stamps in tenths of a second, and static edges with their x."""
+    """Record moving edges (stamps in tenths of a second) and static edges (each with its x)."""
     with RecordingWriter(path) as writer:
         for (parent, child), x in (static or {}).items():
             one = tfdb.TransformStamped(parent, child, 0, (x, 1, 2), TURN)

@@ -1,4 +1,4 @@
-"""Mistyped words, words of other programs, names that look like options."""
+"""Suggestions for mistyped words and words of other programs; names that look like options."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_each_option_that_is_mistyped_gets_the_nearest(
         for name in option.opts if isinstance(option, click.Option) else ():
             if not name.startswith("--") or len(name) < 6:
                 continue
-            wrong = name[:-2] + name[-1] + name[-2]  # two letters change places
+            wrong = name[:-2] + name[-1] + name[-2]  # two letters are swapped
             if wrong == name:
                 wrong = name + "x"
             said = tool(*path, wrong, code=2).error

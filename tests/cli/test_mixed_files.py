@@ -22,7 +22,7 @@ TURN = (0.0, 0.6, 0.0, 0.8)
 def record(
     path: Path, x: float = 0.0, *, topic: str = "/tf", prefix: str = "", first: int = 0
 ) -> Path:
-    """A recording of an edge that moves 0.1 m each 20 ms, 50 samples from `first` on."""
+    """Record an edge that moves 0.1 m per 20 ms: 50 samples from `first` on."""
     with tfdb.recordings.RecordingWriter(path) as writer:
         write(writer, x, topic=topic, prefix=prefix, first=first)
     return path

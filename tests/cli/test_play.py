@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
     from tests.cli.conftest import Tool
 
-LONGEST = 60.0  # seconds: a test that waits longer has failed
+LONGEST = 60.0  # seconds: the longest wait of a test
 
 
 @pytest.fixture
 def name() -> Iterator[str]:
     made = f"test-play-{os.getpid()}"
     yield made
-    with suppress(tfdb.errors.NoSuchStore):  # refused options make none
+    with suppress(tfdb.errors.NoSuchStore):  # a command with refused options makes no store
         tfdb.Buffer.unlink(made)
 
 
@@ -52,7 +52,7 @@ def test_lines_control_a_player(bag: Path, name: str) -> None:
 
 
 def test_keys_control_a_player(bag: Path, name: str) -> None:
-    """In a terminal of its own. Each key is answered by a commit, or ends the player."""
+    """The command runs in a pseudo-terminal. Each key causes a commit, or ends the player."""
     terminal, theirs = pty.openpty()
     command = [sys.executable, "-m", "tfdb.cli", "play", str(bag), "--into", name, "--paused"]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as player:

@@ -27,7 +27,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def drawn(path: Path) -> set[str]:
-    """The texts of an SVG file, which stand before the shapes of their letters."""
+    """Return the texts of an SVG file, which precede the shapes of their letters."""
     text = path.read_text(encoding="utf-8")
     return {found.strip() for found in re.findall(r"<!-- (.*?) -->", text, re.DOTALL)}
 

@@ -24,7 +24,7 @@ def test_bar_on_a_terminal(bag: Path) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=slave, text=True) as process:
         os.close(slave)
         shown = b""
-        with contextlib.suppress(OSError):  # how Linux reports that the other end was closed
+        with contextlib.suppress(OSError):  # Linux reports a closed terminal by this error
             while part := os.read(master, 4096):
                 shown += part
         printed = process.communicate()[0]

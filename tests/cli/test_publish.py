@@ -1,4 +1,4 @@
-"""`tfdb publish` and `tfdb mirror`, as processes over loopback."""
+"""`tfdb publish` and `tfdb mirror` as processes, over loopback."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ pytestmark = needs_zenoh
 
 @pytest.fixture
 def names() -> Iterator[tuple[str, str]]:
-    """Two names of stores."""
+    """The names of two shared stores."""
     made = f"test-publish-{os.getpid()}", f"test-mirror-{os.getpid()}"
     yield made
     for name in made:
@@ -37,7 +37,7 @@ def names() -> Iterator[tuple[str, str]]:
 
 
 class Running:
-    """A command that goes on until it is stopped."""
+    """A command that runs until it is stopped."""
 
     def __init__(self, *arguments: object) -> None:
         command = [sys.executable, "-m", "tfdb.cli", *map(str, arguments), "--json"]
@@ -45,7 +45,7 @@ class Running:
         self.process = subprocess.Popen(command, text=True, **pipes)
 
     def wait_for(self, event: str) -> None:
-        """Read until there is an event."""
+        """Read lines up to an event."""
         assert self.process.stdout is not None
         patience = threading.Timer(LONGEST, self.process.kill)
         patience.start()
@@ -58,7 +58,7 @@ class Running:
         raise AssertionError(f"no {event!r}: {self.process.communicate()}")
 
     def stop(self, number: int = signal.SIGINT) -> tuple[int, dict[str, Any]]:
-        """Stop it; returns its exit code and its last line."""
+        """Stop the command; return its exit code and its last line."""
         self.process.send_signal(number)
         out, said = self.process.communicate(timeout=LONGEST)
         assert "Traceback" not in said

@@ -26,7 +26,7 @@ STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def count_of(path: Path) -> int:
-    """How many samples of the frame base the file has so far."""
+    """Count the samples of the frame base in the file."""
     try:
         loaded = tfdb.load(path, salvage=True)
     except tfdb.errors.RecordingError:  # no transform yet
@@ -133,7 +133,7 @@ def test_lost_commits_are_an_exit_code(
         def write() -> None:
             while not (tmp_path / "drive.mcap.part").exists():
                 pass
-            for stamp in range(500):  # several times what is read at once
+            for stamp in range(500):  # several times more than one read returns
                 names = (f"f{number}" for number in range(100))
                 batch = [tfdb.TransformStamped("map", name, stamp, *STILL) for name in names]
                 buf.set_transforms(batch)

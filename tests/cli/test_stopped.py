@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 STOPPED = Path(__file__).with_name("stopped.py")
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-LONGEST = 120.0  # seconds, before a command that does not end is ended
+LONGEST = 120.0  # seconds until a hanging command is killed
 
 WRITES = {
     "compare": "compare POSES POSES --save OUT.png",
@@ -46,7 +46,7 @@ READS = {"info of a packed file": "info PACKED"}
 
 @pytest.fixture(autouse=True)
 def _children_end_on_sighup() -> Iterator[None]:
-    """Under `nohup` the signal is ignored, by children too."""
+    """Under `nohup` this process and its children ignore SIGHUP."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
@@ -59,7 +59,7 @@ def environment(folder: Path) -> dict[str, str]:
 def end_amid(
     how: str, command: str, folder: Path, bag: Path, stdout: int = subprocess.PIPE
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command that is ended where its file is written and has no name yet."""
+    """Run a command and end it before its written file gets its name."""
     given, made = folder.parent / "given", folder / "made"
     words = {"IN": str(bag), "POSES": str(given / "poses.tum"), "PACKED": str(given / "bag.zst")}
     words["SECOND"] = str(given / "second.bag")
@@ -77,7 +77,7 @@ def end_amid(
 
 @pytest.fixture(scope="session")
 def second(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording with other frames than `bag`."""
+    """A recording whose frames differ from those of `bag`."""
     made = tmp_path_factory.mktemp("second") / "second.bag"
     with subprocess.Popen(
         [sys.executable, "-m", "tfdb.cli", "rename", str(bag), "--prefix", "b_", "-o", str(made)]
@@ -88,7 +88,7 @@ def second(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(tmp_path: Path, bag: Path, second: Path) -> Path:
-    """An empty folder for output and temporary files; beside it are the inputs."""
+    """An empty folder for output and temporary files; the inputs are beside it."""
     made, given = tmp_path / "made", tmp_path / "given"
     made.mkdir()
     given.mkdir()
@@ -135,7 +135,7 @@ def test_a_closed_pipe_leaves_no_file(row: str, folder: Path, bag: Path) -> None
 
 
 def test_a_signal_that_is_ignored_stays_so(folder: Path, bag: Path) -> None:
-    """As `nohup` asks for."""
+    """`nohup` relies on it."""
     program = "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); "
     program += "import runpy; sys.argv.pop(0); runpy.run_path(sys.argv[0], run_name='__main__')"
     arguments = [str(STOPPED), str(int(signal.SIGHUP)), "freeze", str(bag), "-o"]
@@ -163,12 +163,12 @@ class Interrupts:
             if self.count in self.left:
                 self.left.remove(self.count)
                 raise KeyboardInterrupt
-            # A trace function that raises is taken out: the rest goes untraced.
+            # Python removes a trace function that raises: later lines are not traced.
         return self
 
 
 def interrupted(lines: set[int], write: Callable[[], None]) -> bool:
-    """Whether a write was interrupted at those lines."""
+    """Return whether a write was interrupted at the given lines."""
     before, interrupts = sys.gettrace(), Interrupts(lines)
     sys.settrace(interrupts)
     try:
@@ -241,7 +241,7 @@ def opened(name: str, server: subprocess.Popen[str]) -> tfdb.Buffer:
 
 
 def summary(arguments: list[str], name: str, number: signal.Signals) -> dict[str, Any]:
-    """What a command prints when a signal ends it, after some commits."""
+    """Return the output of a command that a signal ends after some commits."""
     command = [sys.executable, "-m", "tfdb.cli", *arguments, "--into", name, "--json"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

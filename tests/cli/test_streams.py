@@ -28,7 +28,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def shell(redirected: str, *arguments: object, **environment: str) -> tuple[int, str, str]:
-    """Run the command with its streams redirected as a shell does."""
+    """Run the command in a shell that redirects its streams."""
     done = subprocess.run(
         ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-m", "tfdb.cli"]
         + [str(argument) for argument in arguments],

@@ -48,7 +48,7 @@ def name() -> Iterator[str]:
 
 
 def lines(text: str) -> list[dict[str, Any]]:
-    """The JSON objects of a command that goes on, one a line."""
+    """Parse the JSON objects of a command, one per line."""
     return [json.loads(line) for line in text.splitlines()]
 
 
@@ -92,7 +92,7 @@ def test_echo_prints_as_tf2_echo(tool: Tool, name: str) -> None:
 
 @pytest.mark.parametrize("period", [None, 0.001, 3600.0])
 def test_echo_of_later_transforms(name: str, period: float | None) -> None:
-    """The first answer is printed when it is there, and then each that is new."""
+    """The first transform is printed when it arrives, then each new one."""
     store = tfdb.Buffer.open(name)
     to_come = [
         [("odom", "base", 7), ("map", "odom", 8)],
@@ -101,7 +101,7 @@ def test_echo_of_later_transforms(name: str, period: float | None) -> None:
     shown: list[object] = []
 
     class Writes(Printer):
-        """Whenever something is printed, the next is written."""
+        """Writes the next transform when a line is printed."""
 
         def show(self, found: tfdb.Transform | tfdb.TfdbError, now: int) -> None:
             shown.append(found if isinstance(found, tfdb.TfdbError) else found.stamp)
@@ -171,7 +171,7 @@ def test_monitor_reports_the_whole_recording(tool: Tool, bag: Path) -> None:
 
 def test_monitor_looks_at_the_chain_over_the_whole_recording(tool: Tool, tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
-    # Edge a has its last sample at 1 s, edge b goes on: (arrival, stamp) in nanoseconds.
+    # Edge a ends at 1 s, edge b continues: (arrival, stamp) in nanoseconds.
     arrivals = [("a", S // 100, 0), ("b", S // 50, 0), ("a", S + S // 100, S)]
     arrivals += [("b", number * S + S // 50, number * S) for number in range(1, 16)]
     with tfdb.recordings.RecordingWriter(path) as writer:
@@ -233,7 +233,7 @@ AGO = 103 * 3600 * S
 
 
 def written_at(name: str, ago: int, store: tfdb.Buffer, over: threading.Event) -> threading.Thread:
-    """Write a frame whose stamps are so far behind the clock, until it is over."""
+    """Start a thread that writes a frame with stamps `ago` before the clock, until `over`."""
 
     def write() -> None:
         while not over.is_set():
@@ -260,7 +260,7 @@ def test_monitor_shows_no_delay_of_a_replayed_store(tool: Tool, name: str, ago: 
     assert f"no delay: the stamps of base are {away} their arrival" in said
     assert "replayed, or of another clock" in said
     assert "net delay none, longest none" in said
-    assert said.count(" h ") + said.count(" min ") <= 2  # only where it says so
+    assert said.count(" h ") + said.count(" min ") <= 2  # only in the line about the offset
     for body in (told["frames"][0], told["authorities"][0], told["chain"]):
         assert body["delay_ns"] is body["longest_delay_ns"] is None
         assert abs(body["clock_offset_ns"] - ago) < 10 * S
@@ -292,13 +292,13 @@ def test_echo_of_a_replayed_store_has_no_age(tool: Tool, name: str) -> None:
 
 
 def on_a_terminal(*arguments: str, columns: int = 80) -> bytes:
-    """What a command writes to a terminal of so many columns, until it ends well."""
+    """Run a command in a terminal of `columns`, check its exit code, and return its output."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     process = subprocess.Popen([sys.executable, "-m", "tfdb.cli", *arguments], stdout=theirs)
     os.close(theirs)
     said = b""
-    with suppress(OSError):  # the terminal's end
+    with suppress(OSError):  # the terminal was closed
         while part := os.read(ours, 65536):
             said += part
     os.close(ours)
@@ -316,7 +316,7 @@ def test_monitor_stays_in_place_on_a_terminal(name: str) -> None:
 
 
 def test_monitor_breaks_no_name_on_a_terminal(name: str) -> None:
-    """Twenty columns are too few for it: what does not fit goes on below, as in a pipe."""
+    """Twenty columns are too few for the table: it continues below, as in a pipe."""
     long = "warehouse_7/robot_042/base_footprint"
     tfdb.Buffer.open(name).set_static_transform("map", long, (1, 2, 3), TURN)
     arguments = ("monitor", f"shm:{name}", "--every", "0.1", "--for", "0.3")

@@ -19,7 +19,7 @@ KINDS["parquet"] = "a.parquet"
 
 @pytest.fixture
 def path() -> tfdb.Trajectory:
-    """A motion of which no two poses are alike, at uneven stamps."""
+    """A trajectory without equal poses, at uneven stamps."""
     rng = np.random.default_rng(3)
     stamps = np.cumsum(rng.integers(10**7, 10**8, 50)) + 1_700_000_000 * 10**9
     turns = rng.normal(size=(50, 4))

@@ -90,7 +90,7 @@ def test_a_prefix_leaves_empty_names_empty(tool: Tool, tmp_path: Path, encoding:
     path, out = recording(tmp_path / "a", encoding, rows), tmp_path / "out.mcap"
     done = tool("rename", path, "--prefix", "q/", "-o", out)
     assert "11 transforms in 2 messages" in " ".join(done.out.split())
-    # As in the recording that was renamed, a store refuses what has no name.
+    # A store refuses the unnamed frame, as in the renamed recording.
     with pytest.warns(tfdb.TfdbWarning, match="refused with Invalid(Name|Transform)"):
         assert tfdb.load(out).frames() == ["q/base", "q/map"]
 

@@ -1,4 +1,4 @@
-"""`tfdb verify`: verdicts, exit codes, unreadable histories."""
+"""`tfdb verify`: results, exit codes, unreadable histories."""
 
 from __future__ import annotations
 

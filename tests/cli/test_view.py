@@ -1,4 +1,4 @@
-"""`tfdb view`: the command around the server of the page."""
+"""`tfdb view`: the command, not the page that it serves."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TURN = (0.0, 0.6, 0.0, 0.8)
 
 @contextmanager
 def running(*arguments: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Run the command; give the process and the address that it prints."""
+    """Run the command; yield the process and the printed address."""
     command = [sys.executable, "-m", "tfdb.cli", "view", *map(str, arguments)]
     with subprocess.Popen(
         [*command, "--port", "0", "--no-open", "--json"],

@@ -28,7 +28,7 @@ TURN = (0.0, 0.6, 0.0, 0.8)
 
 
 def long(name: str) -> str:
-    """A name of 45 characters, as robots in a fleet have."""
+    """Return a name of 45 characters, as in a fleet of robots."""
     return f"warehouse_7/robot_042/{name}".ljust(44, "_") + "x"
 
 
@@ -41,7 +41,7 @@ STORE = f"test-widths-{os.getpid()}"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a robot of long names: healthy, and with everything wrong."""
+    """A folder with recordings of a robot with long names: one good, one with all faults."""
     made = tmp_path_factory.mktemp("widths")
     assert {len(name) for name in (*ALL, TABLE)} == {45}
     with RecordingWriter(made / "good.bag") as good, RecordingWriter(made / "bad.bag") as bad:
@@ -82,7 +82,7 @@ def store(folder: Path) -> Iterator[str]:
         tfdb.Buffer.unlink(name)
 
 
-# command -> (arguments, names that must be whole in what it prints, exit code)
+# command -> (arguments, names that the output must contain unbroken, exit code)
 RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
     "info": [(("good.bag",), ALL, 0), (("bad.bag",), (*ALL, TABLE), 0), (("shm:STORE",), ALL, 0)],
     "tree": [(("good.bag",), ALL, 0), (("bad.bag", "--at", "+1"), (*ALL, TABLE), 0)],
@@ -141,7 +141,7 @@ WITHOUT = {
     "serve",
     "view",
 }
-"""A program of its own, those that need a graph or a network and print no frame, a script."""
+"""Not tested: a separate program, commands that need a graph or network, a printed script."""
 
 
 def test_every_command_is_run_here() -> None:

@@ -1,4 +1,4 @@
-"""Recordings made by third-party software: rosbags writes and serializes, not tfdb."""
+"""Recordings that the third-party library rosbags writes and serializes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TRANSFORMS = "geometry_msgs/TransformStamped[] transforms"
 
 @dataclass
 class Message:
-    """One message to be recorded: transforms are (parent, child, stamp, pose)."""
+    """A message to record: transforms are (parent, child, stamp, pose)."""
 
     topic: str
     received: int
@@ -40,7 +40,7 @@ class Message:
 
 @dataclass
 class Recorder:
-    """Writes recordings in every container, with rosbags' own serialization."""
+    """Writes recordings in each container, serialized by rosbags."""
 
     ros1: Any = field(default_factory=lambda: get_typestore(Stores.ROS1_NOETIC))
     ros2: Any = field(default_factory=lambda: get_typestore(Stores.ROS2_JAZZY))
@@ -124,7 +124,7 @@ def recorder() -> Recorder:
 
 
 def drive(count: int = 300) -> list[Message]:
-    """A robot with two publishers; the static transforms come in the middle of the drive."""
+    """A robot with two publishers; static transforms are recorded in the middle of the drive."""
     rng = np.random.default_rng(11)
     messages = []
     for index in range(count):

@@ -1,4 +1,4 @@
-"""Unreadable recordings: a typed error with path and reason, and an unchanged store."""
+"""Unreadable recordings raise a typed error with path and reason, and change no store."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Drive = list[Any]
 
 
 def refuse(path: Path | list[Path], reason: str, **arguments: Any) -> tfdb.errors.RecordingError:
-    """Loading raises, the message starts with the path, nothing is stored."""
+    """Check that loading raises, the message starts with the path, and nothing is stored."""
     buffer = tfdb.Buffer(history=None)
     buffer.set_static_transform("map", "odom", (1, 2, 3))
     with pytest.raises(tfdb.errors.RecordingError) as caught:
@@ -105,7 +105,7 @@ CONTAINERS = ["bag", "bag-lz4", "bag-bz2", "mcap", "mcap-zstd", "db3"]
 @pytest.mark.filterwarnings("ignore::tfdb.TfdbWarning")  # a flipped stamp is of another clock
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_flipped_bytes(recorder: Any, messages: Drive, tmp_path: Path, container: str) -> None:
-    """Whatever the damage: it loads with refusals, or nothing is stored. No other exception."""
+    """For any damage, the file loads with refusals, or a typed error stores nothing."""
     kind, _, option = container.partition("-")
     if kind == "bag":
         path = recorder.bag(tmp_path / "a.bag", messages[:60], option or None)
@@ -120,7 +120,7 @@ def test_flipped_bytes(recorder: Any, messages: Drive, tmp_path: Path, container
     loaded = 0
     for _ in range(80):
         raw = bytearray(whole)
-        # Behind the first bytes, which say what the file is.
+        # After the first bytes, which identify the format.
         raw[int(rng.integers(16, len(raw)))] ^= int(rng.integers(1, 256))
         path.write_bytes(raw)
         buffer = tfdb.Buffer(history=None)
@@ -225,7 +225,7 @@ def test_payloads_of_another_encoding(recorder: Any, messages: Drive, tmp_path: 
 def test_missing_libraries(
     recorder: Any, messages: Drive, tmp_path: Path, missing: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is not packed needs none."""
+    """Uncompressed files need no library."""
     packed = {
         "lz4": recorder.bag(tmp_path / "b.bag", messages, "lz4"),
         "backports": recorder.folder(tmp_path / "c", messages, mode="storage") / "c.mcap",
@@ -255,7 +255,7 @@ def test_the_libraries_are_imported_late() -> None:
 
 
 def test_reading_after_damage(recorder: Any, messages: Drive, tmp_path: Path) -> None:
-    """A reader of single messages learns of damage when it comes to it."""
+    """A reader of single messages gets the error when it reaches the damage."""
     path = recorder.bag(tmp_path / "a.bag", messages, "bz2")
     raw = bytearray(path.read_bytes())
     at = raw.index(b"BZh9", len(raw) // 2)
@@ -289,7 +289,7 @@ def test_bugs_are_not_reported_as_damage(
     error: type[Exception],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A failing call while a good file is read is not reported as damage."""
+    """A failing call during the reading of a good file is not reported as damage."""
     from tfdb.recordings import bag_folder, bag_reader, db3_reader, mcap_reader
 
     def fail(*_: object, **__: object) -> None:
@@ -326,7 +326,7 @@ def test_a_wrong_call_of_sqlite_is_not_damage(
 
 
 def test_versions_of_the_library_that_writes() -> None:
-    """Below the ceiling in pyproject.toml, which rises when these tests pass with a newer one."""
+    """The version is below the limit in pyproject.toml; raise it if newer ones pass the tests."""
     from importlib.metadata import requires, version
 
     (wanted,) = (each for each in requires("tfdb") or () if each.startswith("rosbags"))

@@ -1,4 +1,4 @@
-"""Small files that would unpack to huge ones, and other types of files, are refused fast."""
+"""Small files that decompress to huge ones, and other kinds of files, are refused fast."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ zstandard = pytest.importorskip("zstandard")
 lz4 = pytest.importorskip("lz4.frame")
 
 Drive = list[Any]
-# No child may take more than this; a bomb unpacked takes it many times over.
+# Memory limit of a child process; a decompressed bomb needs many times more.
 BOUND = 1_400_000_000
 ZEROS = bytes(2**20)
 
 
 @functools.cache
 def packed_zeros(packing: str, mebibytes: int) -> bytes:
-    """So many zeros in one frame, made piece by piece."""
+    """Compress zeros of this size into one frame, piece by piece."""
     made = {
         "bz2": bz2.BZ2Compressor,
         "zstd": lambda: zstandard.ZstdCompressor().compressobj(),
@@ -47,7 +47,7 @@ def record(fields: dict[str, bytes], data: bytes) -> bytes:
 
 
 def bag_of(packing: str, packed: bytes, declared: int) -> bytes:
-    """A bag with one chunk, and an index that says that it holds one message."""
+    """Make a bag with one chunk, and an index that lists one message in it."""
     u32, u64 = struct.Struct("<I").pack, struct.Struct("<Q").pack
     chunk = record({"op": b"\x05", "compression": packing.encode(), "size": u32(declared)}, packed)
     connection = record(
@@ -75,7 +75,7 @@ def bag_of(packing: str, packed: bytes, declared: int) -> bytes:
 
 
 def mcap_of(packing: str, packed: bytes, declared: int) -> bytes:
-    """An MCAP file without a summary, with one chunk."""
+    """Make an MCAP file with one chunk and without a summary."""
     name = packing.encode()
     body = struct.pack("<QQQI", 1, 2, declared, 0) + struct.pack("<I", len(name)) + name
     body += struct.pack("<Q", len(packed)) + packed
@@ -98,7 +98,7 @@ for salvage in (False, True):
 
 
 def refused(path: Path) -> list[str]:
-    """The reasons, without and with salvage, out of a child with little memory."""
+    """Return the errors, without and with salvage, from a child process with little memory."""
     program = PROGRAM.format(bound=BOUND)
     done = subprocess.run(
         [sys.executable, "-c", program, str(path)], capture_output=True, text=True, check=False
@@ -162,7 +162,7 @@ def test_a_packed_message_up_to_the_limit(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_frames_of_zstd() -> None:
-    """One that declares its size, one that does not, several, and what is wrong with them."""
+    """Frames with and without a declared size, several frames, and invalid ones."""
     data = bytes(range(256)) * 40
     frame = zstandard.compress(data)
     stream = zstandard.ZstdCompressor().compressobj()
@@ -212,7 +212,7 @@ def test_special_files_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("magic", [b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"])
 @pytest.mark.parametrize("salvage", [False, True])
 def test_huge_and_empty(tmp_path: Path, magic: bytes, salvage: bool) -> None:
-    """A terabyte of nothing on the disk."""
+    """A sparse file of one terabyte."""
     path = tmp_path / "a"
     with path.open("wb") as file:
         file.write(magic)

@@ -1,4 +1,4 @@
-"""Options of loading, each against a separate filter over the messages."""
+"""Each option of loading, compared with a separate filter over the messages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Sample(NamedTuple):
 
 
 def samples_of(path: Path) -> list[Sample]:
-    """Every transform of a recording, message by message."""
+    """Return all transforms of a recording, message by message."""
     found = []
     with Recording(path) as recording:
         for source, _, data in recording.messages():
@@ -52,7 +52,7 @@ def samples() -> list[Sample]:
 
 
 def check(buffer: tfdb.Buffer, expected: list[Sample]) -> None:
-    """The store holds these samples and no others; of those with the same stamp, the last."""
+    """Check that the store has exactly these samples; of those with one stamp, the last."""
     edges: dict[str, dict[int, tuple[str, tuple[float, ...]]]] = {}
     for each in expected:
         stamp = 0 if each.static else each.stamp
@@ -71,7 +71,7 @@ FIRST = 1795240381220679283
 
 
 def date_of(stamp: int) -> str:
-    """Date in UTC, to the nanosecond."""
+    """Write a stamp as a date in UTC, to the nanosecond."""
     return f"{datetime.fromtimestamp(stamp // S, UTC):%Y-%m-%dT%H:%M:%S}.{stamp % S:09}"
 
 
@@ -120,7 +120,7 @@ def test_bounds_are_inclusive(samples: list[Sample]) -> None:
 
 
 def path_between(parents: dict[str, str], a: str, b: str) -> set[str]:
-    """The children of the edges on the path, by walking up from both."""
+    """Return the children of the edges on the path, found by walking up from both ends."""
 
     def up(frame: str) -> list[str]:
         found = [frame]
@@ -218,7 +218,7 @@ def test_two_robots_in_one_store(samples: list[Sample]) -> None:
 
 
 def test_parents_that_change_are_kept_on_every_way(tmp_path: Path) -> None:
-    """A box that is picked up hangs on the table first, then on the hand."""
+    """The parent of a box is the table first, and the hand after the box is picked up."""
     path = tmp_path / "box.mcap"
     still = (0.0, 0.0, 0.0, 1.0)
     tfdb.recordings.write_transforms(
@@ -232,7 +232,7 @@ def test_parents_that_change_are_kept_on_every_way(tmp_path: Path) -> None:
     )
     part = tfdb.load(path, frames={"table", "box"})
     assert set(part.frames()) == {"table", "box", "hand", "map"}
-    # By then its way to the table goes over the map.
+    # Then its path to the table goes over the map.
     at, policy = 3 * S, tfdb.Previous()
     found = part.lookup_transform("table", "box", at, policy)
     assert found == tfdb.load(path).lookup_transform("table", "box", at, policy)
@@ -423,7 +423,7 @@ def test_an_edge_that_no_topic_has_is_named() -> None:
 
 
 def test_an_entry_without_a_topic_is_about_names_alone(samples: list[Sample]) -> None:
-    """`tf*link` is not the edge of a frame that ends in link on a topic that begins with tf."""
+    """`tf*link` does not match an edge on a topic `tf...` of a frame `...link`."""
     child = next(each.child for each in samples if each.child.endswith("link"))
     with pytest.warns(tfdb.TfdbWarning, match="matches 'tf\\*link'"):
         buffer = tfdb.load(BAG, exclude="tf*link")
@@ -432,7 +432,7 @@ def test_an_entry_without_a_topic_is_about_names_alone(samples: list[Sample]) ->
 
 @pytest.mark.parametrize("options", [{}, {"prefix": "a/"}, {"rename": {"base_link": "base"}}])
 def test_an_edge_that_is_static_and_moves_names_a_way_on(options: dict[str, Any]) -> None:
-    """Each option that the warning names loads what it says."""
+    """Each option in the warning loads the samples that the warning states."""
     path = CASES / "static_and_dyn.mcap"
     with pytest.warns(tfdb.TfdbWarning, match="StaticConflict") as caught:
         buffer = tfdb.load(path, **options)

@@ -1,6 +1,6 @@
 """Cut files of each format, flipped bytes, missing parts: a typed error, or all messages.
 
-`salvage` reads the rest and counts the losses.
+With `salvage` the rest is read and the losses are counted.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ FILES: dict[str, Make] = {
     "mcap": part("mcap", "none", ".mcap"),
     "mcap-zstd": part("mcap", "storage", ".mcap"),
     "db3": part("sqlite3", "none", ".db3"),
-    # Cut within their folders, beside whole metadata.
+    # Files that are cut in folders with complete metadata.
     "db3-in-folder": part("sqlite3", "none", ".db3"),
     "db3-packed": part("sqlite3", "file", ".zstd"),
     "db3-messages": part("sqlite3", "message", ".db3"),
@@ -57,7 +57,7 @@ def all_of(path: Path, **options: Any) -> list[tuple[int, bytes]]:
 
 
 def saved_of(path: Path) -> list[tuple[int, bytes]]:
-    """What salvaging saves; nothing where it must give up, too."""
+    """Return what `salvage` reads; nothing if it fails as well."""
     try:
         with Recording(path, salvage=True) as recording:
             found = [(received, data) for _, received, data in recording.messages()]
@@ -78,7 +78,7 @@ def test_cuts_at_every_hundredth(recorder: Any, messages: Drive, tmp_path: Path,
     for hundredth in range(100):
         file.write_bytes(raw[: len(raw) * hundredth // 100])
         try:
-            # Only metadata may end early without a loss.
+            # Only cut metadata may cause no loss.
             assert (name, all_of(path)) == ("metadata", whole)
         except tfdb.errors.RecordingError as error:
             assert str(file.name if name in IN_FOLDER else path) in str(error)
@@ -92,7 +92,7 @@ def test_cuts_at_every_hundredth(recorder: Any, messages: Drive, tmp_path: Path,
     if name == "metadata":
         assert set(saved) == {len(whole)}
     elif name in ("bag", "bag-bz2", "bag-lz4", "mcap"):
-        # Chunks are small or not packed: what lies before the cut is there.
+        # Chunks are small or uncompressed, so all data before the cut are read.
         assert saved == sorted(saved)
         assert saved[99] > 0.9 * len(whole)
         assert saved[50] > 0.3 * len(whole)
@@ -115,7 +115,7 @@ def test_cut_trajectories(tmp_path: Path, kind: str) -> None:
         except tfdb.errors.TrajectoryError as error:
             assert error.path == str(path)
         else:
-            # Text that ends with its last line, or in the middle of its last number.
+            # Text that is cut after a line, or in the middle of the last number.
             assert np.array_equal(found.stamps, whole.stamps[: len(found)])
             assert np.allclose(found.poses[:-1], whole.poses[: len(found) - 1], atol=1e-9)
             read += 1
@@ -127,7 +127,7 @@ def test_cut_trajectories(tmp_path: Path, kind: str) -> None:
 def test_flipped_bytes(
     recorder: Any, messages: Drive, tmp_path: Path, name: str, salvage: bool
 ) -> None:
-    """No other exception than the typed one, whatever the damage."""
+    """Any damage raises the typed error, and no other exception."""
     file = FILES[name](recorder, tmp_path, messages[:40])
     path = file.parent if name in IN_FOLDER else file
     raw = file.read_bytes()
@@ -150,11 +150,11 @@ def test_flipped_bytes(
 def test_no_more_is_lost_than_there_was(
     recorder: Any, messages: Drive, tmp_path: Path, name: str
 ) -> None:
-    """A bit of a record beside the chunks: they tell how many messages there are."""
+    """A flipped bit in a record outside the chunks: such records have the message counts."""
     path = FILES[name](recorder, tmp_path, messages[:120])
     whole = all_of(path)
     raw = path.read_bytes()
-    # Messages that are not packed have a "conn" of their own: one more here is one less there.
+    # Each uncompressed message has its own "conn" field: a changed one moves to another topic.
     words = (b"count=",) if name == "bag" else (b"count=", b"conn=\0")
     counts = [at for at in range(len(raw) - 10) if raw[at : at + 6] in words]
     index = raw.index(b"index_pos=") + len(b"index_pos=")
@@ -174,7 +174,7 @@ def test_no_more_is_lost_than_there_was(
 
 
 def test_losses_are_counted(recorder: Any, messages: Drive, tmp_path: Path) -> None:
-    """A damaged chunk in the middle: the index knows what was in it."""
+    """The index has the number of messages in a damaged chunk."""
     for name, count in (("bag-bz2", 601), ("mcap-zstd", 601)):
         file = FILES[name](recorder, tmp_path, messages)
         raw = bytearray(file.read_bytes())
@@ -185,7 +185,7 @@ def test_losses_are_counted(recorder: Any, messages: Drive, tmp_path: Path) -> N
         with pytest.raises(tfdb.errors.RecordingError, match="salvage=True"):
             buffer.load(file)
         if name == "mcap-zstd":
-            continue  # one chunk, of which nothing else is left
+            continue  # one chunk, without any other record
         report = buffer.load(file, salvage=True)
         (loss,) = report.lost
         assert report.messages + loss.messages == count
@@ -203,7 +203,7 @@ def test_a_cut_packed_file_promises_no_number(
     plain = next(recorder.folder(tmp_path / "a", messages, plugin).glob("a.*"))
     raw, packer = plain.read_bytes(), zstandard.ZstdCompressor().compressobj()
     packed = b""
-    for at in range(0, len(raw) * 2 // 3, 4096):  # blocks that unpack by themselves
+    for at in range(0, len(raw) * 2 // 3, 4096):  # blocks that decompress independently
         packed += packer.compress(raw[at : at + 4096])
         packed += packer.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK)
     file = tmp_path / f"{plain.name}.zstd"
@@ -272,7 +272,7 @@ def longer(raw: bytearray) -> None:
 
 
 def without_its_last_message(raw: bytearray) -> None:
-    """The end of the index is how many messages of a connection its last chunk has."""
+    """The last field of the index is the number of a connection's messages in the last chunk."""
     raw[-4:] = bytes(4)
 
 
@@ -306,7 +306,7 @@ def test_a_bag_with_a_contradicting_index(
 
 
 def split(recorder: Any, folder: Path, messages: Drive, plugin: str) -> list[Path]:
-    """A folder of three parts, as `ros2 bag record --max-bag-size` makes them."""
+    """A folder of three parts, as `ros2 bag record --max-bag-size` makes it."""
     suffix = ".mcap" if plugin == "mcap" else ".db3"
     parts = []
     folder.mkdir()
@@ -337,7 +337,7 @@ def test_missing_parts(recorder: Any, messages: Drive, tmp_path: Path, plugin: s
     report = tfdb.Buffer(history=None).load(folder, salvage=True)
     assert report.messages == 400
     assert sum(loss.messages for loss in report.lost) == 200
-    # Without the metadata the names tell of a part between others.
+    # Without the metadata, the names reveal a missing part between others.
     metadata = folder / "metadata.yaml"
     text = metadata.read_text()
     metadata.unlink()
@@ -369,7 +369,7 @@ def test_a_missing_and_a_damaged_part_count_each_loss_once(
 
 
 def test_few_missing_parts_are_named(recorder: Any, messages: Drive, tmp_path: Path) -> None:
-    """However high the number of the last one is."""
+    """The error stays short for any number of the last part."""
     folder = tmp_path / "drive"
     parts = split(recorder, folder, messages, "mcap")
     (folder / "metadata.yaml").unlink()

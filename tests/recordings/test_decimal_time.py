@@ -1,4 +1,4 @@
-"""Stamps from and to decimal text."""
+"""Conversion of stamps from and to decimal text."""
 
 from decimal import Decimal
 
@@ -26,7 +26,7 @@ stamps = st.integers(0, MAX_STAMP)
         ("2305843009.213693951", MAX_STAMP),
         ("-0.0", 0),
         ("1e-40", 0),
-        # Digits that a float left behind: to the nearest, ties to the even one.
+        # Digits below a nanosecond, as floats print them: rounded to nearest, ties to even.
         ("0.0000000014999", 1),
         ("0.0000000025", 2),
         ("0.0000000035", 4),

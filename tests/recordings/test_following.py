@@ -21,7 +21,7 @@ MCAP = Path(__file__).resolve().parents[2] / "examples" / "data" / "pr2.mcap"
 
 
 def written(*, chunks: bool = True, count: int = 60) -> bytes:
-    """A file with small chunks, or with none, and a channel that comes late."""
+    """Write a file with small chunks, or without chunks, and a channel that begins late."""
     raw = io.BytesIO()
     writer = McapWriter(raw, chunk_size=400, compression=CompressionType.ZSTD, use_chunking=chunks)
     writer.start()
@@ -43,7 +43,7 @@ def written(*, chunks: bool = True, count: int = 60) -> bytes:
 
 @pytest.fixture
 def grow(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A clock for `follow_recording`: each sleep of it is the next step, none is waited for."""
+    """A clock for `follow_recording`: each sleep runs the next step at once."""
     now = [0.0]
     steps: list[Any] = []
 
@@ -98,7 +98,7 @@ def test_it_ends_at_the_footer(grow: Any, tmp_path: Path) -> None:
     grow += [piece(size) for size in range(500, len(whole), 500)] + [piece(len(whole))]
     report = tfdb.recordings.follow_recording(buffer, path, prefix="r/")
     assert not grow
-    assert len(set(samples)) == 1  # the names have a prefix
+    assert len(set(samples)) == 1  # the frame names have a prefix
     assert (report.messages, report.commits, report.forgotten) == (61, 61, 0)
     assert {topic.name: topic.messages for topic in report.topics} == {"/tf": 60, "/tf_static": 1}
     loaded = tfdb.load(path, prefix="r/")
@@ -123,7 +123,7 @@ def test_other_processes_read_loaded_messages(grow: Any, tmp_path: Path) -> None
     assert S < samples[0] < 60 * S
     assert buffer.frames() == ["base", "map"]
     assert buffer.frame_info("base").newest == 60 * S
-    assert buffer.frame_info("base").samples < 10  # its history
+    assert buffer.frame_info("base").samples < 10  # the store's history
 
 
 def test_a_real_recording_in_pieces(grow: Any, tmp_path: Path) -> None:

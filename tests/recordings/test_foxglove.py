@@ -1,6 +1,6 @@
-"""Foxglove's transforms: loaded without a word, their times, and exports that load back.
+"""Foxglove's transforms: loading without options, timestamps, and exports that load again.
 
-Messages are made by foxglove-sdk, google.protobuf and rosbags, and files by mcap.
+foxglove-sdk, google.protobuf and rosbags make the messages, mcap the files.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TURN = (0.6, 0.0, 0.0, 0.8)
 
 
 def write_mcap(path: Path, messages: list[tuple[str, str, str, int, bytes]]) -> Path:
-    """Topic, type, encoding, log time and bytes of each message."""
+    """Write messages, each given by topic, type, encoding, log time and bytes."""
     with path.open("wb") as file:
         writer = McapWriter(file)
         writer.start()
@@ -50,7 +50,7 @@ def write_mcap(path: Path, messages: list[tuple[str, str, str, int, bytes]]) -> 
 
 
 def transform(x: float, parent: str = "odom", child: str = "base", **time: Any) -> dict[str, Any]:
-    """A message of JSON; `timestamp` where one is given."""
+    """Make a JSON message, with a `timestamp` if given."""
     return {
         **time,
         "parent_frame_id": parent,
@@ -69,7 +69,7 @@ def json_file(
 
 
 def check(buffer: tfdb.Buffer, parent: str, child: str, expected: dict[int, float]) -> None:
-    """The stamps and the x of T[parent<-child]."""
+    """Check the stamps and the x of T[parent<-child]."""
     stamps, poses, parents = buffer.samples(child)
     assert dict(zip(stamps.tolist(), poses[:, 0].tolist(), strict=True)) == expected
     assert set(parents) == {parent}
@@ -144,7 +144,7 @@ def store() -> tfdb.Buffer:
 
 
 def everything(buf: tfdb.Buffer) -> dict[str, tuple[Any, ...]]:
-    """By frame: whether it is static, stamps, poses and parents."""
+    """Return for each frame: whether it is static, stamps, poses and parents."""
     found = {}
     for info in buf.tree():
         stamps, poses, parents = buf.samples(info.name)
@@ -183,7 +183,7 @@ def test_statics_alone_load_back(tmp_path: Path) -> None:
 
 
 def message_class() -> Any:
-    """The class of `foxglove.FrameTransform` that the schema of foxglove-sdk describes."""
+    """Make the protobuf class of `foxglove.FrameTransform` from foxglove-sdk's schema."""
     foxglove = pytest.importorskip("foxglove.messages")
     files = descriptor_pb2.FileDescriptorSet.FromString(foxglove.FrameTransform.get_schema().data)
     pool = descriptor_pool.DescriptorPool()
@@ -195,7 +195,7 @@ def message_class() -> Any:
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])
 @pytest.mark.parametrize("names", ["camel", "snake"])
 def test_messages_of_google_protobuf(encoding: str, names: str) -> None:
-    """Its JSON leaves out what is zero, and writes times with 0, 3, 6 or 9 digits."""
+    """google.protobuf's JSON omits zeros, and writes times with 0, 3, 6 or 9 decimals."""
     kind = message_class()
     rng = np.random.default_rng(17)
     source = Source("/x", encoding, "/x", 1, ONE)  # type: ignore[arg-type]
@@ -243,7 +243,7 @@ def test_times_of_rfc_3339(text: str, stamp: int, tmp_path: Path) -> None:
     "time", [{"sec": "5", "nsec": "7"}, {"sec": "5", "nsec": 7}, {"sec": 5, "nsec": "007"}]
 )
 def test_integers_of_a_time_as_text(time: Any, tmp_path: Path) -> None:
-    """As protobuf's JSON mapping writes those of 64 bits."""
+    """Protobuf's JSON mapping writes 64-bit integers as text."""
     path = json_file(tmp_path / "a.mcap", [(9, transform(1.0, timestamp=time))])
     check(tfdb.load(path), "odom", "base", {5 * S + 7: 1.0})
 
@@ -310,7 +310,7 @@ def test_fields_that_cannot_be_read_are_named(
     message = {**transform(1.0, timestamp={"sec": 5, "nsec": 0}), **change}
     with pytest.raises(tfdb.errors.RecordingError, match=words):
         tfdb.load(json_file(tmp_path / "a.mcap", [(5, message)]))
-    if "InvalidTransform" not in words:  # the store refuses those
+    if "InvalidTransform" not in words:  # the store refuses these
         good = transform(1.0, timestamp={"sec": 1, "nsec": 0})
         several = json.dumps({"transforms": [message, good]}).encode()
         path = write_mcap(tmp_path / "b.mcap", [("/tf", SEVERAL, "json", 5, several)])
@@ -323,7 +323,7 @@ def test_fields_that_cannot_be_read_are_named(
 
 @pytest.mark.parametrize("encoding", ["protobuf", "cdr"])
 def test_one_bad_member_leaves_the_others(encoding: str) -> None:
-    """Its nanoseconds are none, its parent is missing, its bytes are cut."""
+    """A bad member has invalid nanoseconds, no parent, or cut bytes."""
     source = Source("/x", encoding, "/x", 1, SEVERAL)  # type: ignore[arg-type]
     times = [(5, 6), (7, S), (8, 9), (10, 11)]
     if encoding == "cdr":
@@ -341,7 +341,7 @@ def test_one_bad_member_leaves_the_others(encoding: str) -> None:
             made.rotation.w, made.translation.x = 1.0, 1.0
             part = made.SerializeToString()
             data += b"\x0a" + bytes([len(part)]) + part
-        data += b"\x0a\x02\x0a\x09"  # a timestamp that goes beyond its end
+        data += b"\x0a\x02\x0a\x09"  # a timestamp that is longer than the message
     found = decode_poses(data, source, None, 99)
     assert [each.stamp for each in found.transforms] == [5 * S + 6, 10 * S + 11]
     assert {each.child for each in found.transforms} == {"arm"}
@@ -478,7 +478,7 @@ def test_messages_of_ros_2(tmp_path: Path) -> None:
 
 
 def test_raw_messages_of_a_recording_stay_those_of_tf() -> None:
-    """`Recording.messages` gives TFMessages, which `decode_tf_message` reads, unless asked."""
+    """By default `Recording.messages` returns only TFMessages, which `decode_tf_message` reads."""
     with Recording(CASES / "json_iso.mcap") as recording:
         assert list(recording.messages()) == []
         assert [source.holds_transforms for source in recording.all_sources] == [True]

@@ -1,4 +1,4 @@
-"""A full disk: an error names the file, and existing files stay."""
+"""On a full disk the error names the file, and existing files stay unchanged."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Run with a folder and `disk` or `limit`: there a small file system, here a limit on files' sizes.
+# Arguments: a folder, and `disk` (a small file system) or `limit` (a limit on file sizes).
 PROGRAM = r"""
 import errno, os, resource, sys
 import numpy as np
@@ -77,7 +77,7 @@ def test_a_full_disk(tmp_path: Path, how: str) -> None:
     mount = f"mount -t tmpfs -o size=320k none {folder}"
     namespace = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
     if how == "disk" and subprocess.run([*namespace, mount], check=False).returncode:
-        how = "limit"  # where containers may mount nothing
+        how = "limit"  # if the container cannot mount file systems
     run = f"{sys.executable} {program} {folder} {how}"
     command = [*namespace, f"{mount} && {run}"] if how == "disk" else ["sh", "-c", run]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

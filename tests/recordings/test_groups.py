@@ -39,7 +39,7 @@ def driven(
     turn: Sequence[float] = TURN,
     later: int = 0,
 ) -> list[Message]:
-    """Messages of one moving edge, 20 ms apart, 0.1 m further each; `later` nanoseconds."""
+    """Make messages of one edge, 20 ms and 0.1 m apart; `later` is added to the stamps (ns)."""
     return [
         Message(
             topic,
@@ -51,12 +51,12 @@ def driven(
 
 
 def printed(number: float) -> float:
-    """A number after it was written with six digits behind the point."""
+    """Return a number as written with six decimals."""
     return float(f"{number:f}")
 
 
 def rounded(messages: list[Message], rounding: Callable[[float], Any]) -> list[Message]:
-    """The messages with each number of their poses rounded."""
+    """Return the messages with rounded numbers in their poses."""
     return [
         replace(
             one,
@@ -74,7 +74,7 @@ def fixed(topic: str, x: float = 1.0, child: str = "laser") -> list[Message]:
 
 
 def written(recorder: Recorder, path: Path, *parts: list[Message]) -> Path:
-    """A bag of the messages in the order of their reception."""
+    """Write a bag of the messages, sorted by receive time."""
     messages = sorted((one for part in parts for one in part), key=lambda one: one.received)
     path.mkdir(exist_ok=True)
     return recorder.bag(path / "made.bag", messages)
@@ -386,7 +386,7 @@ def test_one_group_is_not_read_before(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def followed(path: Path, **options: Any) -> tfdb.Buffer:
-    """What following a whole file stores."""
+    """Return the store after following a complete file."""
     buffer = tfdb.Buffer(history=None)
     follow_recording(buffer, path, **options)
     return buffer

@@ -1,4 +1,4 @@
-"""The memory of a load returns to the system."""
+"""After a load its memory is returned to the system."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 MESSAGES, EDGES = 1500, 10
 TYPE = "tf2_msgs/msg/TFMessage"
-# Bytes beyond those of the store; the messages together are three times as many.
+# Allowed bytes in addition to the store; all messages together have three times as many.
 BOUND = 10_000_000
 CHILD = """
 import sys
@@ -44,7 +44,7 @@ print(resident() - before - buffer.memory().used_bytes)
 
 
 def payload(stamp: int, encoding: str) -> bytes:
-    """Long names, so that a message takes far more than its samples in the store."""
+    """Make a message with long names, which is far larger than its samples in the store."""
     names = [f"{i}".rjust(1000, "x") for i in range(EDGES + 1)]
     pose = (1, 2, 3), (0, 0.6, 0, -0.8)
     return tfdb.encode_tf_message(

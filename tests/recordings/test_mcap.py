@@ -1,4 +1,4 @@
-"""MCAP files by their records: order of messages, summaries, violations of the format."""
+"""MCAP files made record by record: order of messages, summaries, violations of the format."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def cut_message(id_: int, time: int, length: int) -> bytes:
 
 @dataclass
 class File:
-    """An MCAP file out of records, good and bad ones."""
+    """Builds an MCAP file from valid and invalid records."""
 
     data: bytes = MAGIC + record(1, text("ros2") + text("x"))
     indexes: list[bytes] = field(default_factory=list)
@@ -89,7 +89,7 @@ class File:
         crc: int | None = None,
         has_data_crc: bool = False,
     ) -> Path:
-        """With a summary where `counts` are given; its checksum is right unless it is given."""
+        """End the file, with a summary if `counts` are given; `crc` replaces its checksum."""
         data_crc = zlib.crc32(self.data) if has_data_crc else 0
         data = self.data + record(15, struct.pack("<I", data_crc))
         summary = b""
@@ -104,7 +104,7 @@ class File:
 
 
 def read(path: Path, *, salvage: bool = False) -> tuple[Messages, tuple[Any, ...]]:
-    """All messages, one after another and at once, which must be the same; and the losses."""
+    """Return all messages and the losses; single and bulk reading must be equal."""
     with Recording(path, salvage=salvage) as recording:
         found = [(source.topic, time, data) for source, time, data in recording.messages()]
         at_once = []
@@ -117,14 +117,14 @@ def read(path: Path, *, salvage: bool = False) -> tuple[Messages, tuple[Any, ...
 
 
 def parts(path: Path) -> list[list[int]]:
-    """The times of what is held together when all messages are read at once."""
+    """Return the times of the messages in each part of a bulk reading."""
     with Recording(path) as recording:
         held = {id(run.messages): run.messages for run in list(recording.read())}
         return [[each[i][0] for i in range(len(each))] for each in held.values()]
 
 
 def refused(path: Path) -> str:
-    """The reason: the same whether messages are read one after another or at once."""
+    """Return the error, which must be the same in single and bulk reading."""
     reasons = []
     for method in ("messages", "read"):
         with pytest.raises(tfdb.errors.RecordingError) as caught, Recording(path) as recording:
@@ -143,14 +143,14 @@ def times(messages: Messages) -> list[int]:
 
 
 def random_times(seed: int) -> list[int]:
-    """Chunks that overlap, some begin before those that they follow, and times that repeat."""
+    """Make times with overlapping chunks, chunks out of order, and repeated times."""
     rng = np.random.default_rng(seed)
     print("seed", seed)
     return [10 + i // 60 - 3 * (i // 30 % 3) + int(rng.integers(0, 5)) for i in range(400)]
 
 
 def by_writer(path: Path, received: list[int], **options: Any) -> Messages:
-    """A file of the official library; what it holds, in order."""
+    """Write a file with the official library; return its messages in order."""
     from mcap.writer import CompressionType, Writer
 
     expected = []
@@ -282,7 +282,7 @@ def test_a_byte_of_the_summary_is_wrong(tmp_path: Path) -> None:
         found, (loss,) = read(path, salvage=True)
         assert found == expected, at
         assert loss.path == str(path)
-    # Zero: not computed.
+    # Zero means a missing checksum.
     path.write_bytes(good[: footer + 25] + bytes(4) + good[footer + 29 :])
     for salvage in (False, True):
         assert read(path, salvage=salvage) == (expected, ())
@@ -424,7 +424,7 @@ STRAYS = {
 
 
 def with_stray(path: Path, place: str, stray: bytes, *, summary: bool) -> Path:
-    """Two chunks of one message, and something in the data, the first chunk or the summary."""
+    """Make two chunks of one message, and a stray record in the data, first chunk or summary."""
     file = File().chunk([*HEAD, stray * (place == "chunk"), message(1, 10)], 10, [1])
     file.data += stray * (place == "data")
     declared = b"".join(HEAD) + stray * (place == "summary")
@@ -506,9 +506,9 @@ def test_a_byte_of_the_data_is_wrong(tmp_path: Path, channels: bool, chunks: boo
         damaged[at] ^= 0x15
         path.write_bytes(damaged)
         refused(path)
-        if damaged.count(b"cdr") == good.count(b"cdr"):  # of no other encoding
+        if damaged.count(b"cdr") == good.count(b"cdr"):  # the encoding is intact
             assert read(path, salvage=True)[1], at
-    # Zero: not computed.
+    # Zero means a missing checksum.
     path.write_bytes(good[: end + 9] + bytes(4) + good[end + 13 :])
     for salvage in (False, True):
         assert read(path, salvage=salvage) == (expected, ())
@@ -641,7 +641,7 @@ def test_a_message_index_promises_no_more_than_there_is(tmp_path: Path, index: b
     ],
 )
 def test_a_flipped_bit_is_never_silent(tmp_path: Path, options: dict[str, bool]) -> None:
-    """All messages or an error; and what is saved and what is lost is no more than there was."""
+    """Reading returns all messages or raises; saved and lost ones together do not exceed all."""
     path = tmp_path / "a.mcap"
     expected = by_writer(path, random_times(7)[:60], **options)
     raw = path.read_bytes()
@@ -656,7 +656,7 @@ def test_a_flipped_bit_is_never_silent(tmp_path: Path, options: dict[str, bool])
             try:
                 found, losses = read(path, salvage=True)
             except tfdb.errors.RecordingError as error:
-                assert "encoded as" in str(error)  # what none of transforms is
+                assert "encoded as" in str(error)  # transforms cannot have this encoding
                 continue
             assert losses, at
             kept = sum(each in expected for each in found)

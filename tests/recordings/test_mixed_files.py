@@ -24,7 +24,7 @@ HALF = STEP // 2
 
 
 def files(recorder: Recorder, folder: Path, *parts: Sequence[Message]) -> list[Path]:
-    """A bag of each part, its messages in the order of their reception."""
+    """Write a bag for each part, sorted by receive time."""
     return [
         recorder.bag(folder / f"{name}.bag", sorted(part, key=lambda one: one.received))
         for name, part in zip("abcdefgh", parts, strict=False)
@@ -134,7 +134,7 @@ def test_parts_of_a_recording_agree(
 def test_a_static_transform_that_changes_from_one_recording_to_the_next_contradicts(
     recorder: Recorder, tmp_path: Path
 ) -> None:
-    """A static transform holds at all times, also at those of the other file."""
+    """A static transform holds at all times, including those of the other file."""
     later = replace(fixed("/tf_static", 2)[0], received=START + 60 * STEP)
     first = [*driven("/tf"), *fixed("/tf_static")]
     paths = files(recorder, tmp_path, first, [*driven("/tf", rows=range(60, 90)), later])
@@ -158,7 +158,7 @@ def test_a_static_edge_of_one_file_that_moves_in_another_contradicts(
 def test_recordings_of_two_runs_of_a_simulation_contradict(
     recorder: Recorder, tmp_path: Path
 ) -> None:
-    """Their stamps begin again, the times of reception go on."""
+    """Their stamps start again from the beginning, their receive times do not."""
     again = [
         replace(one, received=one.received + 100 * STEP) for one in driven("/tf", x=3, later=7)
     ]

@@ -1,4 +1,4 @@
-"""Options of loading, on random recordings: the native choice against one in Python, by message."""
+"""Options of loading on random recordings: the native filter equals one in Python."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ KEEPS_NOTHING = "left out by|hold no transform|all messages were refused"
 
 
 def member(random: random.Random, now: int) -> tfdb.TransformStamped:
-    """One transform: mostly in a tree, in order and sound."""
+    """Make a random transform, which is usually valid, in order and part of a tree."""
     parent, child = sorted(random.sample(FRAMES, 2))
     if random.random() < 0.03:
         parent, child = child, parent
@@ -68,7 +68,7 @@ def record(path: Path, seed: int) -> Path:
 
 
 class Expected:
-    """What a filter in Python stores, message by message."""
+    """The samples that a filter in Python stores, message by message."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class Expected:
 
 
 def contents(buffer: tfdb.Buffer) -> dict[str, Any]:
-    """Every sample, and who sent the last one."""
+    """Return all samples, and the sender of the last one."""
     found = {}
     for frame in buffer.frames():
         stamps, poses, parents = buffer.samples(frame)
@@ -218,7 +218,7 @@ def test_a_limited_history_forgets_as_many_as_are_missing(path: Path) -> None:
             for frame in whole.buffer.frames()
             if frame in limited.buffer.frames() and not whole.buffer.frame_info(frame).is_static
         )
-        # A stamp that comes again after it was forgotten counts again.
+        # A stamp that arrives again after it was forgotten counts again.
         assert missing <= report.forgotten <= missing + report.reasons.get("TooOld", 0)
         assert report.forgotten > 0
 
@@ -250,7 +250,7 @@ def test_an_error_in_the_choice_ends_the_load(tmp_path: Path) -> None:
 
 
 def surveys(path: Path) -> tuple[RecordedEdges | None, RecordedEdges]:
-    """The edges that a native survey finds, and those of a store that has everything."""
+    """Return the edges that a native survey finds, and those of a store with everything."""
     survey, everything = _core.EdgeSurvey(), tfdb.Buffer(history=None)
     rewriter = Rewriter(Selection().choice, (None, None), None)
     with Recording(path) as recording:

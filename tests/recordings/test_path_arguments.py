@@ -35,11 +35,11 @@ WRITERS: list[Callable[[Any], Any]] = [
     lambda path: write_kitti(path, DRIVEN),
 ]
 UNREADABLE = "/proc/self/mem"
-"""Opens, and fails when it is read."""
+"""A file that opens but fails when it is read."""
 
 
 class Named:
-    """A path of bytes, which no reader takes."""
+    """A path object with bytes, which all readers refuse."""
 
     def __fspath__(self) -> bytes:
         return b"drive.bag"

@@ -46,7 +46,7 @@ def poses(count: int, seed: int = 7) -> list[Pose]:
 
 
 class Messages:
-    """Makes messages of a ROS with rosbags."""
+    """Makes messages of one ROS version with rosbags."""
 
     def __init__(self, kind: str) -> None:
         self.ros1 = kind == "bag"
@@ -71,7 +71,7 @@ class Messages:
         )
 
     def of(self, type_: str, stamp: int, pose: Pose) -> Any:
-        """A message of a type, from map to base where it says so."""
+        """Make a message of a type, with the frames map and base if the type has them."""
         name = type_.rsplit("/", 1)[-1]
         header = self.header(stamp, "/map")
         if name == "PoseStamped":
@@ -128,7 +128,7 @@ class Messages:
         return bytes(encode(message, type_))
 
     def write(self, folder: Path, messages: list[tuple[str, str, int, Any]]) -> Path:
-        """Topic, type, time of reception and message, into a recording."""
+        """Write messages, each given by topic, type, receive time and content, to a recording."""
         if self.ros1:
             path = folder / "run.bag"
             writer: Any = BagWriter(path)
@@ -197,7 +197,7 @@ def test_poses_of_two_files_may_not_contradict(ros: Messages, tmp_path: Path) ->
 
 
 def test_paths(ros: Messages, tmp_path: Path) -> None:
-    """A path says again what it said, and the newer message wins; its header fills what is open."""
+    """Paths repeat poses: those of the newer message count. The header fills empty fields."""
     first, second, third, fourth = poses(4)
     type_ = "nav_msgs/msg/Path"
     one = ros.path([(1 * S, "", first), (2 * S, "map", second)])
@@ -312,7 +312,7 @@ def test_every_cut_and_every_changed_byte_is_typed(encoding: str) -> None:
 
 
 def test_big_endian_messages() -> None:
-    """As a writer on such a machine makes them; nothing but the encapsulation says so."""
+    """Messages of a big-endian writer differ only in their encapsulation."""
     head = b"\0\0\0\0" + struct.pack(">iI", 5, 6) + struct.pack(">I", 4) + b"map\0"
     body = struct.pack(">7d", 1, 2, 3, 0.6, 0, 0, 0.8)
     data = head + b"\0" * (-(len(head) - 4) % 8) + body
@@ -429,7 +429,7 @@ def test_poses_that_salvage_lost_are_counted(tmp_path: Path) -> None:
     path = ros.write(tmp_path, given)
     data = bytearray(path.read_bytes())
     header = data.index(b"op=\x02")
-    data[data.index(b"conn=", header - 40) + 5] = 9  # a connection that nothing declares
+    data[data.index(b"conn=", header - 40) + 5] = 9  # a connection that is not declared
     path.write_bytes(data)
     with pytest.raises(
         tfdb.errors.RecordingError, match=r"promises 5 messages on '/odom', .* holds 4"
@@ -457,7 +457,7 @@ URDF = """<robot name="arm">
 
 
 def by_hand(turn: float, push: float) -> dict[str, np.ndarray]:
-    """T[foot<-link] by matrices."""
+    """Compute T[foot<-link] by matrices."""
 
     def moved(x: float, y: float, z: float, yaw: float = 0.0) -> np.ndarray:
         made = np.eye(4)
@@ -507,7 +507,7 @@ def test_joint_states(ros: Messages, tmp_path: Path) -> None:
 
 
 def test_a_rewriting_has_the_fixed_joints(ros: Messages, tmp_path: Path) -> None:
-    """They are one static message, which progress counts, on a topic for late subscribers."""
+    """They are one static message, which progress counts, on a topic with transient-local QoS."""
     seen: list[tuple[int, int]] = []
     chosen = Selection(urdf=tfdb.robots.parse_urdf(URDF))
     with (
@@ -577,7 +577,7 @@ def test_joints_that_mimic_have_limits_too(ros: Messages, tmp_path: Path) -> Non
 def test_floating_and_planar_joints(
     ros: Messages, tmp_path: Path, named: bool, taken: bool
 ) -> None:
-    """They have no place in joint states: a warning names those that are not on /tf either."""
+    """Joint states cannot place them: a warning names those that are not on /tf either."""
     more = """<link name="world"/><link name="cart"/>
       <joint name="fly" type="floating"><parent link="world"/><child link="foot"/></joint>
       <joint name="drive" type="planar"><parent link="world"/><child link="cart"/></joint>

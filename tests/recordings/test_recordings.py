@@ -1,4 +1,4 @@
-"""Recordings in a store equal those decoded by rosbags."""
+"""Loaded recordings equal those decoded by rosbags."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ REAL = [
 
 
 def decode_with_rosbags(path: Path) -> Iterator[Sample]:
-    """Every transform of a recording: parent, child, stamp, pose, static."""
+    """Return all transforms of a recording: parent, child, stamp, pose, static."""
     ros1 = path.suffix == ".bag"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
     if ros1:
@@ -59,7 +59,7 @@ def decode_with_rosbags(path: Path) -> Iterator[Sample]:
 
 
 def check_against(buffer: tfdb.Buffer, samples: list[Sample]) -> None:
-    """The store holds exactly these samples; of those with the same stamp, the last."""
+    """Check that the store has exactly these samples; of those with one stamp, the last."""
     expected: dict[str, dict[int, tuple[str, tuple[float, ...]]]] = {}
     for parent, child, stamp, pose, static in samples:
         expected.setdefault(child, {})[0 if static else stamp] = parent, pose
@@ -97,7 +97,7 @@ def test_example_recordings_hold_the_same(repository: Path) -> None:
     for frame in bag.frames():
         for left, right in zip(bag.samples(frame), mcap.samples(frame), strict=True):
             assert np.array_equal(left, right)
-    # Only the bag says which node published.
+    # Only the bag names the publishing node.
     assert bag.frame_info("odom").authority == "/localization"
     assert mcap.frame_info("odom").authority == "/tf"
 
@@ -167,7 +167,7 @@ def test_every_container(
 def write_mcap(
     path: Path, recorder: Any, messages: list[Any], *, encoding: str = "cdr", **options: Any
 ) -> Path:
-    """An MCAP file by another library, `mcap`, whose options reach the corners of the format."""
+    """Write an MCAP file with the library `mcap`, whose options cover the whole format."""
     from mcap.writer import Writer
 
     profile = options.pop("profile", "ros2")
@@ -248,7 +248,7 @@ def test_folder_without_metadata(recorder: Any, messages: list[Any], tmp_path: P
     (late / "metadata.yaml").unlink()
     buffer = tfdb.Buffer(history=None)
     assert buffer.load(late).messages == len(messages)
-    # Read in the order of their start, so nothing came late.
+    # Files are read in the order of their start, so no sample is late.
     assert all(info.late == 0 for info in buffer.tree())
 
 
@@ -391,7 +391,7 @@ def test_a_recording_is_closed(
     recorder: Any, messages: list[Any], tmp_path: Path, kind: str
 ) -> None:
     def files() -> int:
-        """The open files, by what Linux lists."""
+        """List the open files of this process."""
         open_files = Path("/proc/self/fd").iterdir()
         return sum(
             each.is_symlink() and str(tmp_path) in str(each.readlink()) for each in open_files

@@ -1,4 +1,4 @@
-"""Messages into another recording: natively against Python, message by message."""
+"""Rewriting of messages: the native code equals Python, message by message."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ OPTIONS: list[dict[str, Any]] = [
 
 
 def member(rng: random.Random, now: int) -> tfdb.TransformStamped:
-    """One transform; some have what no store takes."""
+    """Make a random transform; some are invalid."""
     parent, child = rng.sample(FRAMES, 2)
-    stamp = now if rng.random() < 0.95 else 2_200_000_000 * S  # fits into ROS 1 alone
+    stamp = now if rng.random() < 0.95 else 2_200_000_000 * S  # fits into ROS 1 only
     place = (float("nan"), 0.0, 0.0) if rng.random() < 0.02 else (rng.random(), 2.0, 3.0)
     return tfdb.TransformStamped(parent, child, stamp, place, (0.0, 0.0, 0.6, 0.8))
 
 
 def message(rng: random.Random, now: int, encoding: str) -> bytes | None:
-    """One message, of all layouts, some of them damaged."""
+    """Make a random message in any layout; some are damaged."""
     layouts = ["ros1"] if encoding == "ros1" else ["cdr", "cdr", "cdr_be", "cdr2_le", "cdr2_be"]
     members = [member(rng, now) for _ in range(rng.choice([0, 1, 2, 5]))]
     try:
@@ -83,7 +83,7 @@ def opened(path: Path, options: dict[str, Any]) -> OpenRecordings:
 def in_python(
     recordings: OpenRecordings, encoding: str
 ) -> tuple[list[tuple[str, int, list[str]]], list[int], Rewriter]:
-    """What is written of a recording, how much of each kind, and what was refused."""
+    """Return the messages written from a recording, their counts, and the refused ones."""
     choice, rewriter = recordings.choice, recordings.rewriter()
     written: list[tuple[str, int, list[str]]] = []
     transforms = refused = broken = left_out = 0
@@ -109,13 +109,13 @@ def in_python(
 
 
 def contents(data: bytes, encoding: str) -> list[str]:
-    """What a message holds, with numbers to their last bit."""
+    """Return the content of a message, with all bits of its numbers."""
     return list(map(repr, _core.decode_members(data, encoding, static=True, authority="")))
 
 
 @pytest.mark.parametrize("by_time", [False, True])
 def test_progress_counts_each_message_once(tmp_path: Path, by_time: bool) -> None:
-    """Also those that cannot be written, and those without a wanted transform."""
+    """Messages that cannot be written, or have no wanted transform, count as well."""
     seen: list[tuple[int, int]] = []
     path, options = record(tmp_path / "in.mcap", 3), {"start": 22 * S, "end": 25 * S}
     with opened(path, options) as recordings, RecordingWriter(tmp_path / "out.mcap") as writer:
@@ -167,7 +167,7 @@ def test_python_would_write_the_same(
 
 
 def test_messages_that_stay_keep_their_bytes(tmp_path: Path) -> None:
-    """A leading slash, `seq` and padding are as they were; what is renamed is written anew."""
+    """A leading slash, `seq` and padding stay; only renamed messages are written anew."""
     path, out = tmp_path / "in.bag", tmp_path / "out.bag"
     kept, changed = (
         bytearray(

@@ -1,4 +1,4 @@
-"""Recordings as recorders, people and file systems leave them: unfinished, renamed, packed, cut.
+"""Unfinished, renamed, compressed and cut recordings.
 
 SQLite, zstandard and rosbags make them; a recorder is killed while it writes.
 """
@@ -34,7 +34,7 @@ CASES = Path(__file__).parents[1] / "cases"
 
 
 def state(folder: Path) -> dict[str, tuple[int, bytes]]:
-    """Names, times and bytes of the files of a folder."""
+    """Return names, times and bytes of the files in a folder."""
     return {
         each.name: (each.stat().st_mtime_ns, each.read_bytes())
         for each in folder.iterdir()
@@ -48,7 +48,7 @@ def all_of(path: Path, **options: Any) -> list[tuple[int, bytes]]:
 
 
 def quietly(path: Path, **options: Any) -> tuple[tfdb.Buffer, Any]:
-    """Load; a warning is an error."""
+    """Load with warnings as errors."""
     buffer = tfdb.Buffer(history=None)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -86,7 +86,7 @@ def test_a_packed_database_without_metadata(name: str) -> None:
 def test_a_folder_of_unpacked_or_packed_files(
     recorder: Any, messages: Drive, tmp_path: Path
 ) -> None:
-    """As `zstd -d` and `zstd` leave it, with and without --rm; the metadata stays."""
+    """A folder after `zstd -d` or `zstd`, with and without --rm, with the old metadata."""
     for plugin, end in (("sqlite3", "db3"), ("mcap", "mcap")):
         folder = recorder.folder(tmp_path / f"{end}1", messages, plugin, "file")
         packed = folder / f"{end}1.{end}.zstd"
@@ -153,7 +153,7 @@ def test_every_recording_packed_by_hand(recorder: Any, tmp_path: Path, kind: str
     packed.write_bytes(zstandard.compress(plain.read_bytes()))
     assert all_of(packed) == all_of(plain)
     assert quietly(packed)[1].files == (str(packed),)
-    # Cut, it is read as far as it was packed.
+    # A cut file is read as far as its compressed blocks are complete.
     packed.write_bytes(packed.read_bytes()[: int(packed.stat().st_size * 0.8)])
     with pytest.raises(
         tfdb.errors.RecordingError, match=r"its zstd does not unpack.*--salvage"
@@ -186,7 +186,7 @@ def test_other_packed_files_are_refused(tmp_path: Path) -> None:
 def test_nothing_unpacked_stays(
     recorder: Any, messages: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The unpacked file has lost its name before its first message is read."""
+    """The decompressed file is unlinked before its first message is read."""
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(work))
@@ -230,7 +230,7 @@ def test_a_missing_file_is_not_replaced_by_another_recording(
         tfdb.load(folder)
     with pytest.raises(tfdb.errors.RecordingError, match=r"names are missing: a.db3$"):
         tfdb.load(folder, salvage=True)
-    # A part of it is one, with --salvage.
+    # With --salvage a part of the folder is a recording.
     part = recorder.folder(tmp_path / "c", messages[:200], "sqlite3")
     shutil.copy(part / "c.db3", folder / "c.db3")
     with pytest.raises(
@@ -289,7 +289,7 @@ class Running:
         self.end()
 
     def end(self) -> None:
-        """Let it end, without its last messages; again is fine."""
+        """End the recorder without its last messages. A second call does nothing."""
         for stream in (self.process.stdin, self.process.stdout):
             assert stream is not None
             stream.close()
@@ -317,7 +317,7 @@ LOGS = [("wal", 20), ("wal", 100_000), ("delete", 0)]
 def test_a_recorder_that_was_killed(
     running: tuple[Running, Path], whole: Path, shared: bool, as_folder: bool
 ) -> None:
-    """What it committed is read, no file is written to, and a warning says so."""
+    """Its committed messages are read with a warning, and no file is changed."""
     recorder, folder = running
     recorder.kill()
     log = next(each for each in folder.iterdir() if each.name.endswith(("-wal", "-journal")))
@@ -339,7 +339,7 @@ def test_a_recorder_that_was_killed(
 
 @pytest.mark.parametrize("running", LOGS[:2], indirect=True)
 def test_a_recorder_that_is_running(running: tuple[Running, Path], whole: Path) -> None:
-    """It is not disturbed, and all that it committed is read in one state."""
+    """It is not disturbed, and its committed messages are read in one state."""
     recorder, folder = running
     with Recording(folder / "run.db3") as recording:
         recorder.end()
@@ -360,7 +360,7 @@ def test_a_folder_that_cannot_be_written_to(whole: Path, tmp_path: Path) -> None
 
 
 def test_a_database_that_is_linked_to(whole: Path, tmp_path: Path) -> None:
-    """Its logs lie beside the file, not beside the link."""
+    """Its logs are beside the file, not beside the link."""
     folder = tmp_path / "run"
     folder.mkdir()
     Running(whole, folder / "run.db3", "wal", 20).kill()
@@ -441,7 +441,7 @@ def test_a_database_of_which_nothing_is_left(whole: Path) -> None:
 
 
 def test_a_database_that_is_cut_before_its_messages(whole: Path) -> None:
-    """The error says what was lost."""
+    """The error describes the loss."""
     whole.write_bytes(whole.read_bytes()[:29_000])
     words = "hold no transform; .*: lost at least 0 messages and .* bytes: cut short, its end"
     for path in (whole, whole.parent):
@@ -450,7 +450,7 @@ def test_a_database_that_is_cut_before_its_messages(whole: Path) -> None:
 
 
 def test_pages_in_the_middle_are_damaged(whole: Path) -> None:
-    """Only what lies in them is lost."""
+    """Only the messages in these pages are lost."""
     expected = all_of(whole)
     raw = bytearray(whole.read_bytes())
     page = int.from_bytes(raw[16:18], "big")

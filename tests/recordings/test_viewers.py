@@ -1,4 +1,4 @@
-"""`to_rerun` and `to_foxglove`: their own libraries read the files back."""
+"""Files of `to_rerun` and `to_foxglove`, read by the viewers' own libraries."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ START = 1_795_240_381_202_673_751
 
 @pytest.fixture
 def store() -> tfdb.Buffer:
-    """Two moving edges of different rates, one that changes its parent, a static one."""
+    """Two moving edges of different rates, an edge that changes its parent, a static edge."""
     rng = np.random.default_rng(7)
     buf = tfdb.Buffer(history=None)
 
@@ -38,7 +38,7 @@ def store() -> tfdb.Buffer:
 
 
 def samples(buf: tfdb.Buffer) -> dict[tuple[str, int], tuple[str, np.ndarray]]:
-    """(child, stamp) -> (parent, pose); a static edge at stamp -1."""
+    """Return (child, stamp) -> (parent, pose); static edges have stamp -1."""
     found = {}
     for info in buf.tree():
         stamps, poses, parents = buf.samples(info.name)
@@ -66,7 +66,7 @@ def read_rrd(path: Path) -> dict[tuple[str, int], tuple[str, np.ndarray]]:
 
 
 def read_mcap(path: Path) -> dict[tuple[str, int], tuple[str, np.ndarray]]:
-    """By the schema that the file itself holds."""
+    """Read an MCAP file by its own schemas."""
     from mcap.reader import make_reader
 
     decoder = pytest.importorskip("mcap_protobuf.decoder").DecoderFactory()

@@ -1,4 +1,4 @@
-"""Recordings of a store, read back by tfdb and by rosbags."""
+"""Recordings written from a store, read by tfdb and by rosbags."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS = [(".bag", False), (".bag", True), (".mcap", False), (".mcap", True), (".
 
 @pytest.fixture
 def store() -> tfdb.Buffer:
-    """Three edges, one that changes its parent, two static ones; stamps partly in common."""
+    """Three moving edges (one changes its parent) and two static ones; some stamps are common."""
     rng = np.random.default_rng(2)
     poses = rng.normal(size=(300, 7))
     poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
@@ -46,7 +46,7 @@ def assert_same(left: tfdb.Buffer, right: tfdb.Buffer) -> None:
             continue
         (s1, p1, n1), (s2, p2, n2) = left.samples(info.name), right.samples(info.name)
         assert np.array_equal(s1, s2)
-        # The store normalises what it is given, also what it normalised before.
+        # The store normalises each quaternion, even one that it normalised before.
         assert np.abs(p1 - p2).max() < 1e-15
         assert n1 == n2
 
@@ -107,7 +107,7 @@ def test_the_metadata_of_a_database_without_messages(tmp_path: Path) -> None:
 
 
 def records(path: Path, store: tfdb.Buffer) -> list[tuple[str, int, bytes]]:
-    """Write 100 times the messages of a store: several chunks."""
+    """Write the messages of a store 100 times, into several chunks."""
     given = [
         (f"/robot{number % 3}/tf", 10**18 + number, data)
         for number in range(100)
@@ -173,7 +173,7 @@ def test_times_that_no_file_holds(tmp_path: Path, suffix: str, received: int) ->
 def test_samples_with_one_stamp_are_one_message(store: tfdb.Buffer, tmp_path: Path) -> None:
     distinct = {int(s) for frame in ("base", "arm", "ball") for s in store.samples(frame)[0]}
     assert write_recording(tmp_path / "a.mcap", store) == len(distinct) + 1
-    # In a bag, the publishers stay apart: /ekf, /joints and an unnamed one.
+    # A bag keeps the publishers: /ekf, /joints and an unnamed one.
     samples = sum(len(store.samples(frame)[0]) for frame in ("base", "arm", "ball"))
     assert write_recording(tmp_path / "a.bag", store) == samples + 1
 
