@@ -100,7 +100,7 @@ print(Trajectory is tfdb.Trajectory)
 
 
 def test_methods_in_python_have_docstrings_before_their_first_call() -> None:
-    assert "Walks the path edge by edge" in (tfdb.Snapshot.explain.__doc__ or "")
+    assert "describes each edge of the path" in (tfdb.Snapshot.explain.__doc__ or "")
     assert "`.mcap`" in (tfdb.Buffer.load.__doc__ or "")
     retries = inspect.signature(tfdb.Buffer.run).parameters["retries"]
     assert retries.default == transactions.LOST_BEFORE_ALONE
