@@ -107,6 +107,12 @@ def test_the_name_of_a_shared_store_without_its_prefix(tool: Tool) -> None:
     assert said == f"{name}: no such file; the shared store of this name is shm:{name}"
 
 
+@pytest.mark.parametrize("command", ["tree", "monitor"])
+def test_the_name_of_no_graph(tool: Tool, command: str) -> None:
+    said = tool(command, "ros2+cyclone:7", code=2).error
+    assert said == "ros2+cyclone:7: no such graph; give ros1:, ros2:, ros2+zenoh: or ros2+dds:"
+
+
 @pytest.fixture
 def odd(tmp_path: Path) -> Path:
     store = tfdb.Buffer()

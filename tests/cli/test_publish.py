@@ -243,6 +243,8 @@ def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
         assert "did you mean 'tcp'?" in text
     text = tool("mirror", "r*", "--into", names[1], "--connect", endpoint, code=2).err
     assert "'r*' is not a valid namespace" in text
+    text = tool("publish", bag, "--as", "r*", "--connect", endpoint, code=2).err
+    assert "'r*' is not a valid namespace" in text
     text = tool("publish", "shm:nowhere", "--as", "r", "--listen", endpoint, code=2).err
     assert "no shared store 'nowhere'; `tfdb shm ls` lists the existing ones" in text
     for lost, said in ((bag, "--keep-lost"), (bag / "lost", "lost")):

@@ -183,13 +183,16 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
 
 
 def _missing(name: str, path: Path) -> FileNotFoundError:
-    """Make the error of a file that does not exist; a shared store may have its name."""
+    """Make the error of a missing file, whose name may be meant as a shared store or a graph."""
     from tfdb.store.shared import path_of  # noqa: PLC0415 - only for this error
 
     with suppress(tfdb.TfdbError):  # a name cannot be a path
         if path_of(name).exists():
             text = f"no such file; the shared store of this name is {STORE}{name}"
             return FileNotFoundError(errno.ENOENT, text, name)
+    if name.startswith("ros") and ":" in name:
+        text = "no such graph; give ros1:, ros2:, ros2+zenoh: or ros2+dds:"
+        return FileNotFoundError(errno.ENOENT, text, name)
     return missing_file(path)
 
 

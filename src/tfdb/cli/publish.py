@@ -73,7 +73,9 @@ def command(
     the wait for a router.
     """
     from tfdb.net import publish  # noqa: PLC0415 - Zenoh is an extra
+    from tfdb.net.link import check_network_name  # noqa: PLC0415 - as above
 
+    check_network_name(name)
     began = time.monotonic()
     store = _open(source)
     with (

@@ -40,7 +40,7 @@ class Opened(Protocol):
     """An open endpoint."""
 
     def close(self) -> None:
-        """End it."""
+        """Close the endpoint."""
 
 
 class Sender(Opened, Protocol):
