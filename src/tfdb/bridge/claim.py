@@ -31,7 +31,7 @@ class Claim(Closable):
     """
 
     def __init__(self, buffer: Buffer, origin: str) -> None:
-        self._buffer = buffer  # no other one has its id meanwhile
+        self._buffer = buffer  # while it is referenced, no other object has its id
         self._key = id(buffer), origin
         self._file = _opened(buffer)
         self._is_private = self._file is None and _add(self._key)
@@ -46,7 +46,7 @@ class Claim(Closable):
     def close(self) -> None:
         """Permit another bridge to the graph. A second call does nothing."""
         if self._file is not None:
-            _set_lock(self._file, self._key[1], fcntl.F_UNLCK)  # in copies of forked children too
+            _set_lock(self._file, self._key[1], fcntl.F_UNLCK)  # also in forked children
             self.leave()
         if self._is_private:
             self._is_private = False
@@ -66,7 +66,7 @@ def _opened(buffer: Buffer) -> int | None:
         return None
     try:
         return os.open(buffer.shared.path, os.O_RDWR | os.O_CLOEXEC)
-    except FileNotFoundError:  # it was removed
+    except FileNotFoundError:  # the store was removed
         return None
 
 

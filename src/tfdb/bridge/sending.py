@@ -6,7 +6,8 @@ import logging
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-# Now: Ctrl-C in an import of the main thread would block a later one in another thread.
+# Imported at the start: after Ctrl-C during an import in the main thread, an import in another
+# thread would hang.
 import numpy as np  # noqa: TID253
 
 from tfdb._core import encode_tf_message
@@ -61,7 +62,9 @@ class CommitSender:
         self.refused: int = 0
         self.missed: int = 0
         self.gone: int = 0
-        none = Columns([], [], None, np.empty((0, 7)))  # imports what `run` needs, see above
+        none = Columns(
+            [], [], None, np.empty((0, 7))
+        )  # this imports the modules for `run`, see above
         self._statics: bytes = encode_tf_message(none, node.encoding)
         self._children: frozenset[str] = frozenset()
         self._is_due, self._is_forced = True, False
@@ -71,7 +74,7 @@ class CommitSender:
         self._watch = buffer.watch((), every=True)
         self._held = buffer.snapshot()
         try:
-            self._watch.next(self._held.commit, 0)  # it looks from its first call on
+            self._watch.next(self._held.commit, 0)  # it reports commits from its first call on
             self._position = self._held.commit
             self._topics.append(node.advertise("/tf", KIND, depth=100))
             self._topics.append(node.advertise("/tf_static", KIND, latched=True, depth=1))
@@ -87,7 +90,7 @@ class CommitSender:
             is_last = self._ending
             self._send_to(self._buffer.snapshot())
             if not is_last:
-                with suppress(FeedLapped, WatchClosed):  # the next read goes on from there
+                with suppress(FeedLapped, WatchClosed):  # the next read continues from there
                     self._watch.next(self._position, _LOOK, limit=1)
 
     def end(self) -> None:
@@ -107,7 +110,7 @@ class CommitSender:
 
         If they have left the feed meanwhile, hold a later snapshot.
         """
-        last = taken.commit  # a writer that is faster does not put off the end
+        last = taken.commit  # a faster writer must not delay the end
         while self._position < last:
             limit = min(last - self._position, _AT_ONCE)
             try:

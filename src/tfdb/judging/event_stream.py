@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["EventStream"]
 
 LOGGER = logging.getLogger("tfdb.expectations")
-_LOOK = 1.0  # seconds between two looks whether the buffer was closed
+_LOOK = 1.0  # seconds between two checks whether the buffer was closed
 
 
 class EventStream(Reader["Event"]):
@@ -144,7 +144,7 @@ class EventStream(Reader["Event"]):
     def _wake(self) -> None:
         self._lock.notify_all()
         for loop, future in self._waits:
-            with suppress(RuntimeError):  # a closed loop waits no more
+            with suppress(RuntimeError):  # a closed loop has no waiting coroutine
                 loop.call_soon_threadsafe(_wake, future)
         self._waits.clear()
 

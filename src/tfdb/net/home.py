@@ -105,7 +105,7 @@ class Home(Closable):
         self._later: Epoch | None = None
         self._is_seen = False
         self._watch: Watch | None = None
-        with suppress(NotSupported):  # then it checks repeatedly
+        with suppress(NotSupported):  # then the thread polls
             self._watch = buffer.watch((), every=True)
         self._declared: list[Declared] = []
         self._send, publisher = link.send(name)
@@ -183,7 +183,7 @@ class Home(Closable):
             self._publish()
             if self._later is not None:
                 self._step_down(self._later)
-        except Exception as error:  # `error` has it
+        except Exception as error:  # `error` reports it
             self._error, self._state = error, "ended"
             self._log.add("ended", f"{type(error).__name__}: {error}")
         finally:
@@ -243,7 +243,7 @@ class Home(Closable):
         This needs a message of the later home, because only a process that may publish can send
         one.
         """
-        self._leave()  # before others see the state, because a home may start at once
+        self._leave()  # before the state is visible, because a home may start then
         self._state = "fenced"
         heard = self._wait_for_later_head(later)
         if heard:
@@ -255,7 +255,7 @@ class Home(Closable):
         found = [each for each in self._buffer.positions() if each.source == self._name]
         if found and found[0].epoch == self.epoch:
             commit = found[0].commit
-        elif found and found[0].epoch > self.epoch:  # of this store, which has all
+        elif found and found[0].epoch > self.epoch:  # this store has no lost commits
             fork = commit
         if fork is not None and fork < commit:
             text = f"the commits after {fork} are in this store alone. {self._keep(fork)}{text}"
@@ -295,7 +295,7 @@ class Home(Closable):
         try:
             if self._buffer._hand_over(self._name, "adopt", self.epoch) is None:
                 return "The later home publishes the same store, which stays writable"
-        except TfdbError as error:  # such as a frozen store, or one with other sources
+        except TfdbError as error:  # such as a frozen store, or a store with other sources
             return f"The store stays as it is: {error}"
         return "Its frames are read-only"
 

@@ -74,7 +74,7 @@ def take_over(buffer: Buffer, source: str, epoch: Epoch) -> Origin:
         if position is None:
             return Origin()
         done = buffer._hand_over(source, "release", epoch, from_=position)
-        if done is not None:  # else another process applied meanwhile
+        if done is not None:  # otherwise another process has applied commits meanwhile
             commit, is_whole, last = done
             return Origin(position.epoch, last, commit if is_whole else 0)
 
@@ -106,7 +106,8 @@ class Sender:
         self._buffer = buffer
         self._origin = origin
         self._is_own = epoch == buffer.epoch
-        # No sample behind the position is gone: `_held` is of it or of a commit before it.
+        # All samples after the position are readable, because `_held` is not later than the
+        # position.
         self._held = buffer.snapshot()
         self._target = self._held
         self.commit: int = self._held.commit

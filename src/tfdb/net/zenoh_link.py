@@ -75,7 +75,7 @@ def configs_of(text: str, where: str) -> tuple[zenoh.Config, zenoh.Config]:
         for config in (data, tokens):
             _disable_listening(config)
         own = listeners(tokens)
-        if own:  # the tokens go through the router that the data's session is
+        if own:  # tokens go through the router in the data session
             _set(tokens, "mode", "client")
             _set(tokens, "connect/endpoints", own)
             _set(tokens, "listen/endpoints", [])
@@ -176,7 +176,7 @@ class ZenohLink:
                 return
             try:
                 self._pool.submit(self._answer, query, answer)
-            except RuntimeError:  # the process ends
+            except RuntimeError:  # the process is ending
                 query.drop()
 
         keys = [ask_key(name, state=state) for state in (False, True)]
@@ -232,7 +232,8 @@ class ZenohLink:
         """See `Link`."""
         found: list[tuple[str, Token]] = []
         for role in _ROLES:
-            # Zenoh tells a session of a token once: a subscriber of it may take this answer away.
+            # Zenoh reports a token to a session once, so a subscriber in this session may receive
+            # it instead.
             replies: Any = self._data.liveliness().get(tokens_key(name, role), timeout=_PATIENCE)
             for sample in [reply.ok for reply in replies if reply.ok is not None]:
                 token = _token(sample)
@@ -245,7 +246,7 @@ class ZenohLink:
         key = status_key(name, role)
 
         def asked(query: zenoh.Query) -> None:
-            # The store may be closed, or the asking session gone.
+            # The store may be closed, or the requesting session may have ended.
             with suppress(TfdbError, zenoh.ZError):
                 query.reply(key, status())
             query.drop()
@@ -311,7 +312,7 @@ class ZenohLink:
     def close(self) -> None:
         """See `Link`."""
         if os.getpid() != self._process:
-            return  # Zenoh's threads are not in a child of `fork`: it would wait for ever
+            return  # a child of `fork` has no threads of Zenoh, so this would never end
         _OPEN.discard(self)
         _close(self._tokens)
         _close(self._data)
@@ -337,7 +338,7 @@ def _token(sample: zenoh.Sample) -> Token | None:
     try:
         return token_of(str(sample.key_expr))
     except ValueError:
-        return None  # of a program that is none of ours
+        return None  # an answer of another program
 
 
 class _Declared:

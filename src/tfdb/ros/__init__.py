@@ -40,8 +40,8 @@ __all__ = [
 
 belong_to(__name__, globals(), ("Node", "Publisher", "Service", "Subscription", "node_for"))
 
-if not TYPE_CHECKING:  # or every name would be there for type checkers
-    # Two of them need a ROS, and each takes its time to import.
+if not TYPE_CHECKING:  # otherwise type checkers would find every name
+    # Two of these classes need ROS, and importing each takes time.
     __getattr__, __dir__ = _offer(
         __name__,
         {

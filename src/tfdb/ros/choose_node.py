@@ -54,7 +54,7 @@ def in_rospy() -> bool:
 def in_rclpy() -> bool:
     """Whether the process has called `rclpy.init`, and not `rclpy.shutdown` since."""
     rclpy = sys.modules.get("rclpy")
-    # That of a machine without ROS has times alone.
+    # The stand-in for machines without ROS has only times.
     return rclpy is not None and hasattr(rclpy, "ok") and rclpy.ok()
 
 

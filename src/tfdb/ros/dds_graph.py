@@ -174,7 +174,7 @@ class DdsGraph:
 
     def _announce(self) -> None:
         """Announce the name and the endpoints of this node to others. The lock is held."""
-        if self._discovery is None:  # it was closed
+        if self._discovery is None:  # the graph was closed
             return
         names, gid = self._names, self._participant.get_guid().bytes
         data = encode_participant(gid, names.namespace, names.base, self._readers, self._writers)
@@ -253,7 +253,7 @@ class _Hearing:
         if why:
             self._graph.refusals.add(self._topic.name, name, why)
         else:
-            # `send` pads a TFMessage without transforms, whose decoder takes no padding.
+            # `send` pads an empty TFMessage, but the decoder of TFMessages refuses padding.
             is_short = self._topic.kind.name == "tf2_msgs/TFMessage" and len(data) == _LEAST
             is_empty = is_short and not any(data[_EMPTY:])
             self._take(data[:_EMPTY] if is_empty else data, name)
@@ -261,7 +261,7 @@ class _Hearing:
     def _sender(self, reader: Any, handle: int) -> tuple[str, str]:
         """Name of a publisher, and the reason why its messages are refused, if any."""
         endpoint = reader.get_matched_publication_data(handle)
-        if endpoint is None:  # it has left
+        if endpoint is None:  # the publisher has left the graph
             return f"{handle & (1 << 64) - 1:016x}", ""
         user_data = endpoint.qos[Policy.Userdata]
         found = _HASH.search(b"" if user_data is None else user_data.data)

@@ -44,7 +44,7 @@ class Loop:
         self._selector = selectors.DefaultSelector()
         self._asked: deque[Callable[[], None]] = deque()
         self._due: list[tuple[float, int, Callable[[], None]]] = []
-        self._count = 0  # of all that was ever due: equal times stay in their order
+        self._count = 0  # counts all calls: calls for the same time stay in order
         self._wake, woken = socket.socketpair()
         for end in (self._wake, woken):
             end.setblocking(False)  # noqa: FBT003
@@ -63,7 +63,7 @@ class Loop:
         try:
             self._wake.send(b"\0")
         except OSError:
-            # It is being woken already, or has ended.
+            # The loop is already being woken, or has ended.
             return
 
     def later(self, seconds: float, action: Callable[[], None]) -> None:
@@ -110,7 +110,7 @@ class Loop:
                 _guarded(heapq.heappop(self._due)[2])
             wait = max(0.0, self._due[0][0] - time.monotonic()) if self._due else None
             for key, events in self._selector.select(wait):
-                # One before it in this round may have closed it.
+                # An earlier callback of this round may have closed it.
                 if self._selector.get_map().get(key.fd) is key:
                     _guarded(key.data, events)
         for key in list(self._selector.get_map().values()):

@@ -102,7 +102,7 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
         ) from error
     domain = domain_of(where) if where else None
     context = rclpy.Context()
-    # Ctrl-C is the program's.
+    # The program handles Ctrl-C.
     signals = SignalHandlerOptions.NO
     try:
         rclpy.init(
@@ -120,7 +120,7 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
             )
         except InvalidNodeNameException as error:
             raise InvalidName(f"{name!r} is not a valid node name: {error}", value=name) from error
-        # Its clock and services need an executor.
+        # The clock and the services of the node need an executor.
         node = RclpyNode(theirs, own_thread=True)
         spinning = node.spin()
         try:

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 __all__ = ["RclpyNode", "own_node"]
 
-# What stands for the name of a node that is not known yet, and of one that is none of ROS.
+# rclpy's names for a node that is not known yet, and for a program without a ROS node.
 _NO_NAMES: Final = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
-# Seconds between two questions for a topic's publishers, where the last gave no name.
+# Seconds between two queries of a topic's publishers, if the last one found no name.
 _ASK_EVERY: Final = 1.0
 
 
@@ -289,7 +289,7 @@ def own_node(name: str) -> RclpyNode:
     """Create a new rclpy node in the default context, and spin it in a thread."""
     theirs = rclpy.create_node(
         name,
-        # Not the name that the program's arguments give to its own node.
+        # The program's arguments must not rename this node.
         cli_args=["--ros-args", "-r", f"__node:={name}"],
         enable_rosout=False,
         start_parameter_services=False,
@@ -352,7 +352,7 @@ class _SenderNames:
             return ""
         try:
             publishers = self._node.get_publishers_info_by_topic(self._topic)
-        except InvalidHandle:  # the node was destroyed, and its last messages are on their way
+        except InvalidHandle:  # the node was destroyed, but its last messages still arrive
             publishers = []
         nodes = {(each.node_namespace, each.node_name) for each in publishers}
         namespace, name = nodes.pop() if len(nodes) == 1 else ("", _NO_NAMES[0])

@@ -40,7 +40,7 @@ __all__ = [
     "ThreadReceiver",
 ]
 
-# Errors of a version of rclpy with other private names.
+# Errors if rclpy has other private names.
 _NOT_AS_EXPECTED: Final = (AttributeError, ImportError, TypeError, ValueError)
 # Seconds between two checks for publishers with an incompatible QoS.
 _WARN_EVERY: Final = 1.0
@@ -84,7 +84,7 @@ class NodeEntity(GraphEntity):
                 return
             try:
                 executor.create_task(destroy)
-            except (AttributeError, InvalidHandle):  # it was shut down
+            except (AttributeError, InvalidHandle):  # the executor was shut down
                 destroy()
 
         super().__init__(take_back, native)
@@ -148,7 +148,7 @@ class ExecutorReceiver:
                 _warn_unexpected(self._node, error)
                 self._subscriptions_receiver = _SubscriptionReceiver(self._node)
             return self._subscriptions_receiver.subscribe(kind, topic, deliver, qos)
-        # No executor is woken by a message that was taken.
+        # A message that was taken wakes no executor.
         added.take_all()
         waited = _Waited(added)
         self._node.add_waitable(waited)
@@ -179,7 +179,7 @@ class _Waited(Waitable):  # type: ignore[misc]  # rclpy is not typed
     def __init__(self, topic: _Topic) -> None:
         super().__init__(SerialGroup())
         self._topic = topic
-        # How often it was entered and not left, and whether the last time it was there.
+        # Number of calls of `enter` without `leave`, and whether the last `enter` succeeded.
         self._entered: list[bool] = []
         self._is_there = False
         self._event = -1
@@ -224,7 +224,7 @@ class _Topic:
     """
 
     def __init__(self, node: Any, kind: Any, topic: str, deliver: Deliver, qos: Any) -> None:
-        # Where they are is rclpy's private matter.
+        # rclpy's private parts have them.
         from rclpy.event_handler import SubscriptionEventCallbacks  # noqa: PLC0415
         from rclpy.subscription import Subscription  # noqa: PLC0415
         from rclpy.type_support import check_for_type_support  # noqa: PLC0415
@@ -250,9 +250,9 @@ class _Topic:
         self._deliver = deliver
         self._is_open = True
         self._place = 0
-        # So many in a row that other topics have their turn.
+        # Largest number of consecutive messages, so that other topics have their turn.
         self._at_once = max(qos.depth, 1)
-        # The first try shows whether messages come as expected; it may bring one.
+        # The first call tests whether rclpy returns messages as expected; it may return one.
         self._first = self._take()
 
     def opened(self, take_back: Callable[[], object]) -> GraphEntity:
@@ -334,7 +334,8 @@ class ThreadReceiver(NodeThread):
     def __init__(self, node: Any, ended: Callable[[], None]) -> None:
         super().__init__(node, _LISTENER)
         self._ended = ended
-        # rclpy's signal handler shuts contexts down, and rings those of this kind alone.
+        # rclpy's signal handler shuts contexts down, and triggers only guard conditions of this
+        # kind.
         self._bell = SignalHandlerGuardCondition(node.context)
         self._topics: tuple[_Topic, ...] = ()
         self._runs = False
@@ -381,7 +382,7 @@ class ThreadReceiver(NodeThread):
         is_idle = False
         try:
             is_idle = self._listen_until_idle()
-        except RuntimeError:  # rclpy's RCLError, of a context that was shut down just before
+        except RuntimeError:  # rclpy's RCLError: the context was shut down just before
             if is_up(self._node):
                 raise
         finally:
@@ -406,10 +407,10 @@ class ThreadReceiver(NodeThread):
         with ExitStack() as in_use:
             for topic in topics:
                 if not topic.enter():
-                    return  # it was closed meanwhile: the topics are others
+                    return  # a topic was closed meanwhile, so the topics have changed
                 in_use.callback(topic.leave)
             wait_set = self._new_wait_set(len(topics))
-            # Some may have brought a message before they were waited for.
+            # Some topics may have received a message before this wait.
             ready = list(topics)
             warn_at = monotonic() + _WARN_EVERY
             while topics is self._topics and self._is_running():
@@ -419,7 +420,7 @@ class ThreadReceiver(NodeThread):
                 for topic in topics:
                     topic.add_to(wait_set)
                 wait_set.add_guard_condition(self._bell.handle)
-                # To wait for the topics' events as well would cost a fifth more.
+                # Waiting for the events of topics as well would need a fifth more CPU.
                 wait_set.wait(int(_WARN_EVERY * 1e9))
                 ready = [topic for topic in topics if topic.is_ready(wait_set)]
                 if monotonic() >= warn_at:
@@ -458,7 +459,7 @@ class _OwnExecutor:
         self._spinning = Spinning(own_node, over, _LISTENER)
 
     def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> GraphEntity:
-        # The user's node says what the name means.
+        # The user's node resolves the name.
         return self._receiver.subscribe(kind, self._node.resolve_topic_name(topic), deliver, qos)
 
     def close(self) -> None:

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["NodeThread", "Spinning", "is_up", "watch"]
 
-# Seconds that the interpreter waits at its end for a thread to leave.
+# Seconds that the interpreter waits for a thread at its end.
 _LEAVE_WITHIN: Final = 2.0
-# Seconds between two looks whether a context is up.
+# Seconds between two checks whether a context is valid.
 _LOOK_EVERY: Final = 0.1
 
 
@@ -128,7 +128,7 @@ class Spinning(NodeThread):
     def _ring(self) -> None:
         with self._lock:
             if not self._over:
-                # A step ends when something was done in it.
+                # A step of the executor ends after one callback.
                 self.executor.create_task(lambda: None)
 
     def _run(self) -> None:
@@ -136,8 +136,8 @@ class Spinning(NodeThread):
             while self._is_running():
                 self.executor.spin_once()
         except (ExternalShutdownException, InvalidHandle):
-            return  # the context was shut down or destroyed, which is one way to end
-        except RuntimeError:  # rclpy's RCLError, of a context that was shut down just before
+            return  # the context was shut down or destroyed: a usual end
+        except RuntimeError:  # rclpy's RCLError: the context was shut down just before
             if is_up(self._node):
                 raise
         finally:
@@ -207,7 +207,7 @@ class _ShutdownWatch(NodeThread):
 
 
 _watching = threading.RLock()
-# A watch holds its context, and both would stay for ever if a watch did not take itself out.
+# A watch references its context. So it must remove itself, or both would never be freed.
 _watches: dict[Any, _ShutdownWatch] = {}
 
 

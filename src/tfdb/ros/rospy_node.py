@@ -65,7 +65,7 @@ class RospyNode:
         return f"<RospyNode {self.name}>"
 
     def __eq__(self, other: object) -> bool:
-        # A process is one node of rospy, however many of these it has.
+        # A process has only one rospy node, however many RospyNodes it has.
         return isinstance(other, RospyNode)
 
     def __hash__(self) -> int:
@@ -133,7 +133,7 @@ class RospyNode:
             made = rospy.Service(
                 name, service, lambda request: service._response_class(answer(request.data))
             )
-        except rospy.ServiceException as error:  # it has this one reason
+        except rospy.ServiceException as error:  # this is its only cause
             full = rospy.resolve_name(name)
             raise InvalidArgument(f"this node already serves {full}", value=full) from error
         return self._kept(_NodeEntity(self, lambda: made.shutdown("it was closed"), native=made))
@@ -178,7 +178,7 @@ class RospyNode:
             each.close()
 
     def _check_open(self) -> None:
-        # The program's own hooks may publish a last time.
+        # Shutdown hooks of the program may still publish.
         if self._ended or rospy.is_shutdown():
             raise NodeClosed(f"the node {self.name} is closed", reason="it was closed")
 
@@ -217,11 +217,11 @@ class _Clock:
     """Callbacks for changes of rospy's time and for its end. Threads: any."""
 
     def __init__(self) -> None:
-        self._lock = threading.RLock()  # a signal's handler may come amid a call
+        self._lock = threading.RLock()  # a signal handler may run during a call
         self._told: list[Callable[[int], None]] = []
         rospy.on_shutdown(self._set)
         if not rospy.rostime.is_wallclock():
-            # rospy listens there too, and sets its time before it calls this.
+            # rospy also subscribes to /clock, and sets its time before it calls this.
             rospy.Subscriber(CLOCK, class_of(CLOCK_KIND), self._set)
 
     def add(self, called: Callable[[int], None]) -> None:
@@ -298,14 +298,14 @@ class _RawMessage:
     Threads: one at a time.
     """
 
-    _whole: Any  # the message's own class
+    _whole: Any  # the plain message class
     _data: bytes | None = None  # until one of the fields is read
 
     def __init__(self, *fields: Any, **named: Any) -> None:
-        if fields or named:  # a program makes one, by `Publisher.publish(...)`
+        if fields or named:  # a program creates one by `Publisher.publish(...)`
             self._whole.__init__(self, *fields, **named)
         else:
-            # Not the class's own: the fields are set once one of them is read.
+            # In place of the class's `__init__`: the fields are set when one of them is first read.
             self._data = b""
 
     def deserialize(self, data: bytes) -> Any:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["SlaveNode", "SlaveServer"]
 
 REQUEST_LIMIT = 16 << 20
-SILENCE_SECONDS = 20.0  # after which a request that does not come is given up
+SILENCE_SECONDS = 20.0  # seconds to wait for an incomplete request
 TOO_LARGE = 413
 DONE, REFUSED, FAILED = 1, 0, -1
 METHODS = {

@@ -29,7 +29,7 @@ HEADER_LIMIT = 1 << 20
 """Largest size of a header, which includes the message definition, in bytes."""
 MESSAGE_LIMIT = 256 << 20
 """Largest size of a message in bytes; a larger length counts as damage."""
-FIRST_SIZE = 1 << 20  # of the buffer: what lies in the connection is taken in one call
+FIRST_SIZE = 1 << 20  # size of the buffer; one call reads all received bytes
 LENGTH = struct.Struct("<I")
 _measure = LENGTH.unpack_from
 
@@ -146,7 +146,7 @@ class Frames:
             try:
                 found.release()
             except BufferError:
-                # Someone keeps it: the buffer is theirs now, and stays as it is.
+                # A receiver keeps a view of the buffer, so the buffer must not change any more.
                 self._move_to(len(self._buffer))
         if self._begin == self._end:
             self._begin = self._end = 0

@@ -77,7 +77,7 @@ class TcprosNode(Closable):
         self._senders: dict[str, list[_Publisher]] = {}
         self._served: dict[str, ServedName] = {}
         self._clock_listeners: list[_ClockListener] = []
-        self._end = ""  # why it was closed
+        self._end = ""  # reason why the node was closed
         self._ended = threading.Event()
         self._now = 0
         self._simulated = bool(self._master.parameter("/use_sim_time"))
@@ -473,7 +473,7 @@ class _Slave:
         ]
 
     def publishers_changed(self, topic: str, uris: list[str]) -> None:
-        # While a topic is being registered, the master's answer to that is older than this.
+        # This update is newer than the master's answer to a registration in progress.
         with self._node._registering, self._node._lock:
             subscribed = self._node._subscribed.get(topic)
         if subscribed is not None:

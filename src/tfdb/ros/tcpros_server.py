@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 __all__ = ["AdvertisedTopic", "ServedName", "TcprosServer"]
 
 HANDSHAKE_SECONDS = 10.0
-NO_ROOM_SECONDS = 1.0  # between two tries to accept, where the process has no descriptor left
-FIRST_SIZE = 1 << 12  # of the buffer of a peer that rarely says more than its header
+NO_ROOM_SECONDS = (
+    1.0  # seconds between two attempts to accept if the process has no free descriptor
+)
+FIRST_SIZE = 1 << 12  # size of a peer's buffer; most peers send only a header
 ANY = "*"
 
 
@@ -42,7 +44,7 @@ class Peer:
         self._loop, self._connection = loop, connection
         self._lock = threading.Lock()
         self._waiting: deque[bytes] = deque()
-        self._begun: memoryview | None = None  # what is left of the frame that is being sent
+        self._begun: memoryview | None = None  # the rest of the frame that is being sent
         self._blocked = self._closed = False
         self._frames = Frames(HEADER_LIMIT, FIRST_SIZE)
         self._on_frame: Callable[[memoryview], None] | None = None
@@ -270,7 +272,7 @@ class ServedName:
         self._answer = answer
         self._asked: queue.SimpleQueue[tuple[Peer, bytes] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._peers: dict[Peer, bool] = {}  # whether a request of it waits for its answer
+        self._peers: dict[Peer, bool] = {}  # whether a request of this client is in progress
         threading.Thread(target=self._run, name=f"tfdb ROS service {name}", daemon=True).start()
 
     def accept(self, peer: Peer, fields: dict[str, str]) -> None:
@@ -296,7 +298,7 @@ class ServedName:
             waits = self._peers.get(peer, True)
             self._peers[peer] = True
         if waits:
-            # No client asks again before its answer: one that does may fill the memory.
+            # Clients wait for an answer before the next request. Others could fill the memory.
             peer.close()
         else:
             self._asked.put((peer, bytes(data)))

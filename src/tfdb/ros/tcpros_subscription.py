@@ -24,9 +24,9 @@ __all__ = ["OnMessage", "SubscribedTopic"]
 
 OnMessage: TypeAlias = "Callable[[bytes | memoryview, str], None]"
 
-FIRST_PAUSE, LONGEST_PAUSE = 0.05, 5.0  # seconds between tries to connect
+FIRST_PAUSE, LONGEST_PAUSE = 0.05, 5.0  # seconds between two attempts to connect
 ANY = "*"
-# A publisher whose machine has lost its power is missed after about two and a half minutes.
+# The loss of a publisher's machine is detected after about two and a half minutes.
 KEEP_ALIVE = {"TCP_KEEPIDLE": 60, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 9}
 
 
@@ -101,7 +101,7 @@ class Link:
         kind = f"{type(error).__name__}: {error}"
         unexpected = not isinstance(error, (*CALL_ERRORS, TfdbError, _RefusedError))
         if kind not in self._told or unexpected:
-            # A missing publisher is usual: the master still names a node that was killed.
+            # A missing publisher is usual, because the master still lists killed nodes.
             LOG.log(
                 logging.INFO if isinstance(error, ConnectionRefusedError) else logging.WARNING,
                 "%s of %s: %s; tried again, and said once",
@@ -175,8 +175,8 @@ class SubscribedTopic:
             }
         )
         """The header for each publisher."""
-        self._turn = threading.RLock()  # of the callbacks
-        self._lock = threading.Lock()  # of the links, and of changes of the callbacks
+        self._turn = threading.RLock()  # guards the callbacks
+        self._lock = threading.Lock()  # guards the links and changes of the callbacks
         self._callbacks: tuple[OnMessage, ...] = (callback,)
         self._failed: set[tuple[OnMessage, str]] = set()
         self._links: dict[str, Link] = {}

@@ -30,7 +30,7 @@ def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> 
     if type(time) is int:
         return time
     try:
-        # Of a message of ROS 2, or ours.
+        # Fields of a message of ROS 2 or tfdb.
         sec, nanosec = time.sec, time.nanosec
     except AttributeError:
         found = _of_object(time)

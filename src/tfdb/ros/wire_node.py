@@ -210,7 +210,7 @@ class WireNode(Closable):
         _OPEN.discard(self)
         self._report_clock()  # callbacks of topics may wait for the node's end
         if os.getpid() != self._process:
-            return  # the link's threads are not in a child of `fork`
+            return  # a child of `fork` has no threads of the link
         for each in opened:
             each.close()
         self._link.close()
@@ -271,7 +271,7 @@ class _Publisher(_Entity):
     def __init__(self, node: WireNode, sender: Sender, topic: str) -> None:
         super().__init__(node, sender)
         self._sender, self._topic = sender, topic
-        self._lock = threading.RLock()  # a signal handler may close the node amid `publish`
+        self._lock = threading.RLock()  # a signal handler may close the node during `publish`
 
     def publish(self, data: bytes) -> None:
         """Send one serialized message. Raises NodeClosed."""
@@ -295,7 +295,8 @@ def _close_all() -> None:
         node.close()
 
 
-# A link's threads are threads of Python that a process waits for at its end, before `atexit`.
+# A process waits at its end for Python threads, such as those of a link, before `atexit` functions
+# run.
 threading._register_atexit(_close_all)  # type: ignore[attr-defined]
 
 

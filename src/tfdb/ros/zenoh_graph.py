@@ -31,8 +31,8 @@ __all__ = ["ZenohGraph"]
 _ROUTER = "tcp/localhost:7447"
 _CONNECT_MS = 3000
 _DROP_AFTER = 100_000  # microseconds for which a publisher waits for a full link
-_PATIENCE = 2.0  # seconds for the tokens of a graph
-_HEARTBEAT = 0.5  # seconds, as rmw_zenoh's
+_PATIENCE = 2.0  # seconds to wait for the tokens of a graph
+_HEARTBEAT = 0.5  # seconds, as in rmw_zenoh
 _MOST_NAMES = 10_000
 
 
@@ -62,7 +62,7 @@ def _configuration(router: str | None) -> tuple[Any, str]:
                 ("scouting/gossip/enabled", False),
             ):
                 config.insert_json5(key, json.dumps(value))
-        # A publisher's cache needs them.
+        # The cache of a publisher needs timestamps.
         config.insert_json5("timestamping/enabled", "true")
         for each in filter(None, (part.strip() for part in override.split(";"))):
             key, _, text = each.partition("=")
@@ -173,7 +173,7 @@ class ZenohGraph:
             for reply in replies:
                 if reply.ok is not None:
                     text = str(reply.ok.key_expr)
-                    with suppress(ValueError):  # a token of a later layout
+                    with suppress(ValueError):  # a token with a newer layout
                         gid, name = gid_of(text), node_of(text)
                         self._nodes[gid] = gid.hex() if name == self._names.node else name
 
@@ -201,7 +201,7 @@ class _Hearing:
         self.declared: tuple[Any, ...] = ()
         """The declarations that `close` ends."""
         self._is_closed = False
-        # Of more messages than these, the oldest are dropped.
+        # Beyond this number of messages, the oldest are dropped.
         self._waiting: deque[Any] = deque(maxlen=max(topic.depth, 1))
         self._wake = threading.Condition()
         self._key = graph.key_of(topic)

@@ -56,10 +56,10 @@ class Dispatcher:
         self.rules: list[Rule] = []
         self._joining: list[tuple[Rule, Snapshot]] = []
         self._installed = 0
-        self._is_stale = True  # `_watch` is of other rules
+        self._is_stale = True  # `_watch` is outdated
         self._watch: Watch | None = None
         self._by_subject: dict[Subject, list[Rule]] = {}
-        self._held: Snapshot | None = None  # of `_position` or before
+        self._held: Snapshot | None = None  # a snapshot of `_position` or earlier
         self._position = 0  # the commit up to which the rules were evaluated
         self._thread: threading.Thread | None = None
         self._logged = time.monotonic()
@@ -131,7 +131,7 @@ class Dispatcher:
         if (tell := self.on_error) is not None:
             try:
                 tell(rule, event, error)
-            except BaseException:  # counts no more than an action's
+            except BaseException:  # has no more effect than an exception of an action
                 LOGGER.exception("on_error raised")
 
     def wake(self) -> None:

@@ -40,7 +40,7 @@ class Pool:
         self._report = report
         self.lock: threading.Condition = threading.Condition()
         self._committing: set[Event] = set()  # their commits may be seen before `_chains` has them
-        self._chains: dict[int, tuple[str, ...]] = {}  # by commit, the rules that led to it
+        self._chains: dict[int, tuple[str, ...]] = {}  # the rules that led to each commit
         self._lanes: dict[object, _Lane] = {}
         self._waiting: defaultdict[Rule, list[Event]] = defaultdict(list)
         self._ready: list[tuple[float, int, _Lane]] = []

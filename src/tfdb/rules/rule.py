@@ -133,12 +133,12 @@ class Rule:
         # Threads can wait no longer than TIMEOUT_MAX.
         self._interval = min(0.0 if max_rate is None else 1 / _rate(max_rate), TIMEOUT_MAX)
         self._merges = debounce is not None or max_rate is not None
-        self._remove: Callable[[Rule], None] | None = None  # while it is installed
-        self._order = 0  # of installation
+        self._remove: Callable[[Rule], None] | None = None  # set while the rule is installed
+        self._order = 0  # number of the installation
         self._seen = 0  # the commit up to which it was evaluated
         self._truths: dict[Subject, bool] = {}
         self._answers: dict[Subject, Transform | None] = {}
-        self._began = float("-inf")  # the last action, of time.monotonic
+        self._began = float("-inf")  # time of the last action, by time.monotonic
 
     @property
     def removed(self) -> bool:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["AnswerStream"]
 
-_COMMITS = 256  # whose states are read at once, at most
+_COMMITS = 256  # largest number of commits whose states are read at once
 
 
 class AnswerStream(Cursor["Transform"]):
@@ -48,7 +48,7 @@ class AnswerStream(Cursor["Transform"]):
         self._separation = separation_of(min_separation)
         self._answers: deque[Transform] = deque()
         self._last: Transform | None = None
-        self._delivered: int | None = None  # its stamp
+        self._delivered: int | None = None  # stamp of the last result
         start = buffer.snapshot()
         try:
             super().__init__(

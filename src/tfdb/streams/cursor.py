@@ -65,7 +65,7 @@ class Cursor(Reader[Item]):
         self._lock = threading.Lock()
         self._ended = False
         self._closing = threading.Event()  # wakes waiting threads
-        self._ends: set[Callable[[], None]] = set()  # of asynchronous waits
+        self._ends: set[Callable[[], None]] = set()  # for asynchronous waits
         try:
             self._watch: Watch | None = watch()
             with suppress(FeedLapped):  # the first read raises it
@@ -166,7 +166,7 @@ class Cursor(Reader[Item]):
         wait = loop.create_task(self._buffer.wait_for_commit_async(self._position))
 
         def end() -> None:
-            with suppress(RuntimeError):  # a closed loop waits no more
+            with suppress(RuntimeError):  # a closed loop has no waiting coroutine
                 loop.call_soon_threadsafe(wait.cancel)
 
         self._ends.add(end)
@@ -224,7 +224,7 @@ _open: WeakSet[Cursor[Any]] = WeakSet()
 
 def _close_in_child() -> None:
     for cursor in list(_open):
-        cursor._lock = threading.Lock()  # the thread that held it is not in this process
+        cursor._lock = threading.Lock()  # the holding thread does not exist in this process
         cursor._end()
 
 

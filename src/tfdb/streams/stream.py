@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Stream"]
 
-_COMMITS = 4096  # that are read at once, at most
+_COMMITS = 4096  # largest number that is read at once
 _BYTES = 1 << 20
 _RECORDS = 64
 _GATHERS = 0.001  # seconds: also the pause of waits between two checks
@@ -65,9 +65,9 @@ class Stream(StreamRows, Cursor["Sample"]):
         self._separation = separation_of(min_separation)
         self._delivered: dict[str, int] = {}  # the stamp that was read last, by child
         self._rows = NONE
-        self._read_at = 0.0  # when those were read
-        self._quick = 0  # reads in a row that followed each other closely
-        self._held_commit = 0  # of the rows that were there before the stream
+        self._read_at = 0.0  # time at which they were read
+        self._quick = 0  # consecutive reads with short pauses
+        self._held_commit = 0  # number of rows from before the stream
         self._floor = 0  # `read_back` reads later commits only
         self._records: deque[Changes] = deque()
         start = buffer.snapshot()
