@@ -1,6 +1,6 @@
 """Network namespaces joined by a relay that loses, delays, doubles and reorders their packets.
 
-Each namespace has one tunnel device. The relay holds their other ends, and nothing else joins them.
+Each namespace has one tunnel device. The relay has the other ends, and is their only connection.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ _SET_DEVICE = 0x400454CA
 _TUNNEL_WITHOUT_HEADER = 0x1001
 _LONGEST_PACKET = 1 << 16
 _IDLE = 0.05
-"""Seconds between two looks for the end."""
+"""Seconds between two checks for the end."""
 
 
 class BadNetwork:
-    """Namespaces numbered from 0. Threads: one that draws faults, and the relay's own.
+    """Namespaces numbered from 0. Threads: one that chooses faults, and the relay's.
 
-    Raises OSError or CalledProcessError where this process may make no namespaces.
+    Raises OSError or CalledProcessError if this process may not create namespaces.
     """
 
     def __init__(self, count: int, seed: int) -> None:
         self.loss = self.delay = self.reorder = self.double = 0.0
-        """Loss, reordering and doubling: a part of the packets. Delay: seconds, one way."""
+        """Loss, reordering and doubling: fractions of the packets. Delay: seconds, one way."""
         self.mute: set[int] = set()
-        """Namespaces whose packets reach no one."""
+        """Namespaces whose packets are all lost."""
         self.deaf: set[int] = set()
-        """Namespaces that no packet reaches."""
+        """Namespaces to which all packets are lost."""
         self.packets = self.lost = 0
         self._draw = random.Random(seed)
         self._ends: list[int] = []
@@ -56,7 +56,7 @@ class BadNetwork:
         return f"10.77.0.{number + 1}"
 
     def within(self, number: int) -> list[str]:
-        """Return the beginning of a command that runs in a namespace."""
+        """Return the start of a command line that runs in a namespace."""
         return ["ip", "netns", "exec", self._name(number)]
 
     def mend(self) -> None:

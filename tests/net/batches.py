@@ -1,7 +1,7 @@
-"""Numbered batches of a home, and the judge of stores that have them.
+"""Numbered batches of a home, and the check of stores that have them.
 
-A batch is a function of its number and of its home's tag. So the last batch of a state demands
-what else is in it.
+A batch is a function of its number and of its home's tag. So the last batch of a state determines
+the rest of the state.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ UNIT = 50_000_000
 """Nanoseconds between two batches, so that a history of 10 s has 200."""
 STILL = (0.0, 0.0, 0.6, 0.8)
 KEPT = 10 * 10**9 // UNIT
-"""So many batches a history of 10 s has."""
+"""Number of batches in a history of 10 s."""
 MOVING = "base", "arm", "cup"
 _SENSOR, _TOOL, _CUP = 7, 11, 5
 
 
 def parent_of(frame: str, number: int) -> str:
-    """The parent of a moving frame in a batch: one of them changes it."""
+    """Return the parent of a moving frame in a batch: one frame changes its parent."""
     if frame == "cup":
         return "arm" if number // _CUP % 2 else "map"
     return {"base": "map", "arm": "base"}[frame]
 
 
 def still_frames(number: int) -> dict[str, int]:
-    """The static frames at a batch, and the batch that wrote each."""
+    """Return the static frames after a batch, and the batch that wrote each."""
     found = {}
     if number >= _SENSOR:
         found["sensor"] = number - number % _SENSOR
@@ -48,7 +48,7 @@ def still_frames(number: int) -> dict[str, int]:
 
 
 def write_batch(buf: tfdb.Buffer, number: int, tag: int) -> None:
-    """Commit a batch: moving edges, statics that change, a frame that is removed or added."""
+    """Commit a batch: moving edges, changed static edges, a removed or added frame."""
 
     def write(tx: tfdb.Transaction) -> None:
         tx.set_transforms(
@@ -69,7 +69,7 @@ def write_batch(buf: tfdb.Buffer, number: int, tag: int) -> None:
 
 
 def last_batch(buf: tfdb.Buffer | tfdb.Snapshot) -> tuple[int, int]:
-    """The number and the tag of the last batch of a state; 0 and 0: there is none."""
+    """Return the number and the tag of the last batch of a state; 0 and 0: it has none."""
     if not buf.frame_exists("base"):
         return 0, 0
     poses = np.asarray(buf.samples("base")[1])
@@ -81,13 +81,13 @@ class Judge:
 
     def __init__(self) -> None:
         self.begins: dict[int, tuple[int, int]] = {0: (0, 0)}
-        """Of each tag: the batch behind which its home began, and the tag of that batch."""
+        """By tag: the batch after which its home began, and the tag of that batch."""
         self.tag_of: dict[int, int] = {}
         """The tag of the home of an epoch, by its number."""
         self.distance: dict[tuple[Epoch, int], int] = {}
-        """Between the numbers of batch and commit, by the epoch and the tag."""
+        """Difference between the numbers of batch and commit, by epoch and tag."""
         self.read_tags: Callable[[], object] = lambda: None
-        """Reads what processes have told: a tag is told before its first batch."""
+        """Reads the output of processes: a tag is printed before its first batch."""
         self.states = 0
 
     def tags(self, tag: int, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -103,12 +103,12 @@ class Judge:
         return found
 
     def goes_on(self, before: tuple[int, int], after: tuple[int, int]) -> bool:
-        """Whether a state has the last batch of one before."""
+        """Whether a state includes the last batch of an earlier one."""
         number, tag = before
         return number <= after[0] and int(self.tags(after[1], np.array([number]))[0]) == tag
 
     def judge(self, snap: tfdb.Snapshot) -> tuple[int, int]:
-        """Compare a whole state with what its last batch demands; return that."""
+        """Compare a whole state with the one that its last batch determines; return that batch."""
         self.states += 1
         number, tag = last_batch(snap)
         still = still_frames(number)
@@ -149,9 +149,10 @@ class Judge:
             )
 
     def compare_fork(self, later: int, last: tuple[int, int], alone: int) -> bool:
-        """Compare the number of commits that a home says it has alone with the later home.
+        """Compare the number of commits that only a fenced home has, as its event reports it, with
+        the later home.
 
-        Returns whether that one is known: it may be killed before it tells its tag.
+        Returns whether the later home is known: it may be killed before it prints its tag.
         """
         if later not in self.tag_of:
             return False
@@ -166,28 +167,28 @@ class Judge:
 
 
 class Copy:
-    """A store that is looked at. Threads: one."""
+    """A checked store. Threads: one."""
 
     def __init__(self, buffer: tfdb.Buffer) -> None:
         self.buffer = buffer
         self.place: tuple[Epoch, int] = (NONE, 0)
-        """The position that was seen last."""
+        """The last checked position."""
         self.batch = 0, 0
-        """The number and the tag of the last batch that was seen."""
+        """The number and the tag of the last checked batch."""
         self.steps_back = 0
         self.own: set[Epoch] = set()
-        """Epochs in which it was a home's: its position stays where it was promoted."""
+        """Epochs in which it was a home's store: its position stays that of the promotion."""
         self.commit = -1
-        """The commit of the store that was seen last."""
+        """The last checked commit of the store."""
 
     def look(self, judge: Judge) -> None:
-        """Judge the newest state, if it was not seen."""
+        """Check the newest state, unless it was checked before."""
         if self.buffer.commit == self.commit:
             return
         before = self.buffer.positions()
         with self.buffer.snapshot() as snap:
             if self.buffer.positions() != before:
-                return  # it is looked at again
+                return  # the state is checked again
             batch = judge.judge(snap)
             self.commit = snap.commit
         place = (before[0].epoch, before[0].commit) if before else (NONE, 0)

@@ -1,4 +1,4 @@
-"""Networks of tests: one in memory, and Zenoh over loopback where it is installed."""
+"""Networks for tests: one in memory, and Zenoh over loopback if it is installed."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ needs_zenoh = pytest.mark.skipif(
     not HAS_ZENOH and "CI" not in os.environ, reason="eclipse-zenoh is not installed"
 )
 LONGEST = 60.0
-"""Seconds: a test that waits longer has failed."""
+"""Seconds after which a waiting test fails."""
 
 
 def free_endpoint() -> str:
-    """An endpoint of loopback that is free now."""
+    """Return a loopback endpoint that is free now."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{taken.getsockname()[1]}"
@@ -61,14 +61,14 @@ def zenoh_links() -> Iterator[Callable[[], Link]]:
 
 @pytest.fixture(params=["memory", pytest.param("zenoh", marks=needs_zenoh)])
 def links(request: pytest.FixtureRequest) -> Iterator[Callable[[], Link]]:
-    """Makes links of one network; the first one's process lives longest."""
+    """Makes links of one network. The first link is closed last."""
     with (memory_links if request.param == "memory" else zenoh_links)() as make:
         yield make
 
 
 @pytest.fixture
 def store_name() -> Iterator[str]:
-    """A name of a shared store, which is removed at the end."""
+    """Name of a shared store that is removed at the end."""
     name = f"test-net-{os.getpid()}"
     yield name
     try:

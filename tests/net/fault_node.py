@@ -2,8 +2,8 @@
 
     python -m tests.net.fault_node STORE ENDPOINT router|home|mirror TAG SECONDS
 
-It prints lines of JSON that say what it is. It reads the lines `pause`, `go` and `promote TAG`. A
-home commits batch after batch, SECONDS apart.
+It prints its state as lines of JSON. It reads the lines `pause`, `go` and `promote TAG`. A home
+commits one batch every SECONDS.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ NAME = "robot1"
 
 
 def open_store(name: str) -> tfdb.Buffer:
-    """Open a node's store, or make it."""
+    """Open a node's store, or create it."""
     return tfdb.Buffer.open(name, size=1 << 26)
 
 
 def tell(kind: str, **what: Any) -> None:
-    """Print a line, by one write: another thread may print, too."""
+    """Print a line by one write, because another thread may print as well."""
     sys.stdout.write(f"{json.dumps({'kind': kind, **what})}\n")
     sys.stdout.flush()
 
 
 class Node:
-    """A store, and what it is now. Threads: one; another one prints events."""
+    """A store and its current role. Threads: one; another one prints events."""
 
     def __init__(self, store: str, session: tfdb.net.Session, tag: int, pause: float) -> None:
         self.store, self.session, self.tag, self.pause = store, session, tag, pause
         self.buffer = open_store(store)
 
     def be_home(self, home: Home) -> None:
-        """Commit batches until a later home is there."""
+        """Commit batches until a later home exists."""
         number, parent = last_batch(self.buffer)
-        # The judge learns of the tag before it can see a batch of it.
+        # The tag is printed before its first batch, so that the check knows it.
         tell("home", tag=self.tag, number=number, parent=parent, epoch=epoch_text(home.epoch))
         goes = True
         while home.state == "publishing":
@@ -58,7 +58,7 @@ class Node:
                 number += 1
                 try:
                     write_batch(self.buffer, number, self.tag)
-                except tfdb.errors.ReadOnly:  # it was fenced just now
+                except tfdb.errors.ReadOnly:  # the home was fenced just now
                     goes = False
         home.close()
         if home.error is not None:
@@ -74,7 +74,7 @@ class Node:
             raise SystemExit
 
     def be_mirror(self) -> Home:
-        """Follow a home until this store is to be the home."""
+        """Follow a home until this store should be the home."""
         max_lag = 20 if self.tag % 3 == 0 else None
         mirror = tfdb.net.mirror(NAME, into=self.buffer, session=self.session, max_lag=max_lag)
         tell("mirror")
@@ -87,7 +87,7 @@ class Node:
             if command == "promote":
                 try:
                     home = mirror.promote()
-                except tfdb.InvalidArgument as error:  # it was never live
+                except tfdb.InvalidArgument as error:  # the mirror was never live
                     tell("refused", text=str(error))
                     continue
                 self.tag = int(tag[0])
@@ -96,7 +96,7 @@ class Node:
 
 
 def print_events(mirror: Mirror) -> None:
-    """Tell the events of a mirror, until it is closed."""
+    """Print the events of a mirror until it is closed."""
     for event in mirror.events():
         tell("event", event=event.kind, text=event.text)
 

@@ -1,4 +1,4 @@
-"""A network in this process: one thread delivers, in order, what both ends of a cut cannot hear."""
+"""A network in this process: one thread delivers messages in order, but not across a cut."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Network:
-    """What links have in common."""
+    """The common part of links."""
 
     def __init__(self) -> None:
         self.calls: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
@@ -26,7 +26,7 @@ class Network:
         self.thread.start()
 
     def run(self) -> None:
-        """Deliver."""
+        """Deliver messages."""
         while (call := self.calls.get()) is not None:
             call()
 
@@ -51,13 +51,13 @@ class MemoryLink:
         self.declared: dict[str, list[Any]] = defaultdict(list)
 
     def reached(self) -> list[MemoryLink]:
-        """The links that hear this one."""
+        """Return the links that this one reaches."""
         return [
             each for each in self.network.links if each is self or not (each.is_cut or self.is_cut)
         ]
 
     def declare(self, key: str, what: Any) -> Declared:
-        """Note something under a key."""
+        """Store a declaration under a key."""
         self.declared[key].append(what)
         return Declared(self.declared[key], what)
 
@@ -99,7 +99,7 @@ class MemoryLink:
         return made
 
     def tell(self, name: str, token: Token, alive: bool) -> None:
-        """Tell the watchers of a token."""
+        """Call the watchers of a token."""
         for link in self.reached() if token.role == "home" else ():
             for take in list(link.declared[f"{name}/watchers"]):
                 self.network.calls.put(lambda take=take: take(token, alive))
@@ -125,7 +125,7 @@ class MemoryLink:
         return [(where, status()) for where, status in self.found(name, "statuses")]
 
     def found(self, name: str, kind: str) -> list[tuple[str, Any]]:
-        """What is declared of a kind, with its namespace."""
+        """Return the declarations of a kind, with their namespaces."""
         return [
             (key.removesuffix(f"/{kind}"), each)
             for link in self.reached()
@@ -135,7 +135,7 @@ class MemoryLink:
         ]
 
     def heal(self) -> None:
-        """Mend a cut: tokens of both sides are seen again."""
+        """End a cut: tokens of both sides become visible again."""
         self.is_cut = False
         for link in self.network.links:
             for key, tokens in list(link.declared.items()):
@@ -149,14 +149,14 @@ class MemoryLink:
 
 
 class Declared:
-    """Something that was declared."""
+    """A declaration."""
 
     def __init__(self, where: list[Any], what: Any) -> None:
         self.where, self.what = where, what
         self.ended: Callable[[], None] = lambda: None
 
     def undeclare(self) -> None:
-        """End it. A second call does nothing."""
+        """End the declaration. A second call does nothing."""
         if any(each is self.what for each in self.where):
             self.where[:] = [each for each in self.where if each is not self.what]
             self.ended()

@@ -1,8 +1,8 @@
-"""Processes of homes and mirrors in a bad network; each state that a store shows is judged.
+"""Processes of homes and mirrors in a bad network; each visible state of a store is checked.
 
     python -m tests.net.network_faults --cycles 1000 --seed 1
 
-Needs root: each process has a network namespace of its own. The seed draws the faults.
+Needs root, because each process has its own network namespace. The seed determines the faults.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from tfdb.data.types import Epoch
 
 NODES = 3
-"""Stores; one more process is the router."""
+"""Number of stores. One more process is the router."""
 
 
 @dataclass
@@ -50,20 +50,20 @@ class Node:
     process: subprocess.Popen[bytes] | None = None
     unread: bytes = b""
     needs_store: bool = False
-    """It stopped for a later home that it did not hear. docs/replication.md says why."""
+    """It stopped for a later home without a message of it; see docs/replication.md."""
     copy: Copy | None = None
     state: str = ""
-    """The last state that its mirror has told."""
+    """The last printed state of its mirror."""
     is_promoted: bool = False
-    """It was told to be the home, and has not answered yet."""
+    """It was told to become the home, and has not answered yet."""
     paused: tuple[Epoch, int] | None = None
-    """The epoch and the last commit of a home that waits."""
+    """The epoch and the last commit of a paused home."""
     rewound: int = 0
-    """How many steps back its mirror has told."""
+    """Number of steps back that its mirror has printed."""
 
 
 class Faults:
-    """Three stores, a router, and faults. Threads: one, and the relay's."""
+    """Three stores, a router, and faults. Threads: one, and that of the relay."""
 
     def __init__(
         self,
@@ -79,7 +79,9 @@ class Faults:
         self.spans, self.pace, self.most, self.pause = spans, pace, most, pause
         self.tags = count(1)
         self.forks: list[tuple[int, tuple[int, int], int]] = []
-        """What homes that stopped have told: later epoch, last batch, commits of theirs alone."""
+        """Reports of stopped homes: later epoch, last batch, number of commits that only they
+        have.
+        """
         self.judge = Judge()
         self.judge.read_tags = self.drain
         self.found: Counter[str] = Counter()
@@ -106,7 +108,7 @@ class Faults:
     # -- processes ---------------------------------------------------------------------------------
 
     def start(self, node: Node) -> None:
-        """Begin a process in its namespace."""
+        """Start a process in its namespace."""
         if node.needs_store:
             if node.copy is not None:
                 node.copy.buffer.close()
@@ -120,7 +122,7 @@ class Faults:
             "stdout": subprocess.PIPE,
             "stderr": self.errors,
         }
-        # A stopped process ends no other one of its group.
+        # Its own group: the end of a group with a suspended process would end the others.
         node.process = subprocess.Popen(command, start_new_session=True, **pipes)
         assert node.process.stdout is not None
         os.set_blocking(node.process.stdout.fileno(), False)
@@ -130,7 +132,7 @@ class Faults:
             node.copy.steps_back = 0
 
     def kill(self, node: Node) -> None:
-        """Kill a process, and look at what it left."""
+        """Kill a process, and check its store."""
         process, node.process = node.process, None
         if process is None:
             return
@@ -158,12 +160,12 @@ class Faults:
         """Send a line to a process."""
         assert node.process is not None
         assert node.process.stdin is not None
-        with suppress(BrokenPipeError):  # it stopped just now
+        with suppress(BrokenPipeError):  # the process ended just now
             node.process.stdin.write(f"{line}\n".encode())
             node.process.stdin.flush()
 
     def lines(self, node: Node, process: subprocess.Popen[bytes]) -> Iterator[dict[str, Any]]:
-        """Give the lines that a process has told since."""
+        """Return the new lines of a process's output."""
         assert process.stdout is not None
         while True:
             data = process.stdout.read()
@@ -174,7 +176,7 @@ class Faults:
         yield from map(json.loads, whole)
 
     def drain(self) -> None:
-        """Hear what all processes have told. Raises if one has ended by itself."""
+        """Read the output of all processes. Raises if one has ended by itself."""
         for node in (*self.nodes, self.router):
             process = node.process
             if process is None:
@@ -186,12 +188,12 @@ class Faults:
                 raise BrokenPromiseError(f"node {node.number} ended by {ended}: {self.said()}")
 
     def said(self) -> str:
-        """Return the end of what processes have written to stderr."""
+        """Return the last output of the processes on stderr."""
         self.errors.seek(0)
         return self.errors.read()[-5000:].decode(errors="replace")
 
     def hear(self, node: Node, line: dict[str, Any]) -> None:
-        """Take note of a line."""
+        """Process a line of output."""
         kind = line["kind"]
         epoch = epoch_of_text(line["epoch"]) if "epoch" in line else NONE
         if kind in ("home", "refused"):
@@ -220,13 +222,14 @@ class Faults:
                 node.state = event
             node.rewound += event == "rewound"
             if event == "refused" and "the checksum is wrong" in line["text"]:
-                # A connection of Zenoh may end amid a message, with others behind its first part.
+                # A connection of Zenoh may end during a message; other messages then follow its
+                # first part.
                 self.found["damaged messages refused"] += 1
             elif event in ("refused", "ended"):
                 raise BrokenPromiseError(f"node {node.number}: {line}")
 
     def open_copy(self, node: Node) -> Copy:
-        """Open a node's store for reading, if it is not."""
+        """Open a node's store for reading, unless it is open."""
         if node.copy is None:
             node.copy = Copy(tfdb.Buffer.open(node.store, mode="r"))
         return node.copy
@@ -234,13 +237,13 @@ class Faults:
     # -- looks -------------------------------------------------------------------------------------
 
     def look(self, seconds: float) -> None:
-        """Look at all states for a while."""
+        """Check all states for some time."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             self.look_once()
 
     def look_once(self) -> None:
-        """Look at each store, and wait for a commit of one."""
+        """Check each store, and wait for a commit of one."""
         self.drain()
         for node in self.nodes:
             if node.needs_store and node.process is not None and node.process.poll() is not None:
@@ -257,7 +260,7 @@ class Faults:
     # -- faults ------------------------------------------------------------------------------------
 
     def deal(self, name: str, *cards: Any) -> Any:
-        """Return the next of some values: each comes once before one comes again."""
+        """Return the next of some values: each is returned once before one is repeated."""
         deck = self.decks.setdefault(name, [])
         if not deck:
             deck += cards
@@ -265,13 +268,13 @@ class Faults:
         return deck.pop()
 
     def cycle(self) -> None:
-        """Draw faults, mend all, and wait until all are equal."""
+        """Choose faults, end them, and wait until all stores are equal."""
         for _ in range(self.random.randint(1, self.most)):
             self.fault()
         self.settle()
 
     def fault(self) -> None:
-        """Draw a network and a fault."""
+        """Choose a network state and a fault."""
         network = self.network
         network.loss = self.deal("loss", 0.0, 0.01, 0.05, 0.1)
         network.delay = self.deal("delay", 0.0, 0.0, 0.2)
@@ -295,11 +298,11 @@ class Faults:
         faults[name]()
 
     def one(self, role: str) -> Node:
-        """Draw a node of a role; of all, if none has it now."""
+        """Choose a node with a role; any node, if none has the role now."""
         return self.random.choice([node for node in self.nodes if node.role == role] or self.nodes)
 
     def cut(self, node: Node) -> None:
-        """Cut a node off for one of the spans, also in one direction alone."""
+        """Cut a node off for one of the durations, in one or both directions."""
         self.isolate(node, self.deal("ways", "both", "both", "mute", "deaf"))
         self.look_for_long("cuts")
 
@@ -311,25 +314,27 @@ class Faults:
             self.network.deaf.add(node.number)
 
     def stop(self, node: Node) -> None:
-        """Stop a process for one of the spans."""
+        """Suspend a process for one of the durations."""
         self.halt(node)
         self.look_for_long("stops")
         self.halt(node, signal.SIGCONT)
 
     def halt(self, node: Node, how: signal.Signals = signal.SIGSTOP) -> None:
-        """Stop a process, or let it go on."""
+        """Suspend a process, or continue it."""
         assert node.process is not None
         node.process.send_signal(how)
 
     def restart(self, node: Node) -> None:
-        """Kill a process, and begin it again."""
+        """Kill a process, and start it again."""
         self.kill(node)
         self.look(self.random.uniform(0.0, 1.0) * self.pace)
         self.start(node)
         self.look(self.pace)
 
     def promote(self, home: Node, hold: Callable[[Node], None] | None = None) -> None:
-        """Promote a mirror while the old home lives, which may be cut off, stopped and killed."""
+        """Promote a mirror while the old home runs; the old home may be cut off, suspended and
+        killed.
+        """
         if hold is not None:
             hold(home)
         later = self.one("mirror")
@@ -345,7 +350,7 @@ class Faults:
         self.halt(home, signal.SIGCONT)
 
     def look_for_long(self, what: str) -> None:
-        """Look at all states for one of the spans."""
+        """Check all states for one of the durations."""
         seconds = self.deal(what, *self.spans)
         self.found[f"{what} of {seconds:g} s"] += 1
         self.look(seconds)
@@ -353,7 +358,7 @@ class Faults:
     # -- the end of a cycle ------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Mend the network: one home must remain, and all its mirrors must be equal to it."""
+        """End all faults: one home must remain, and all mirrors must equal it."""
         self.network.mend()
         until = time.monotonic() + LONGEST
         while True:
@@ -376,7 +381,7 @@ class Faults:
         home.paused = None
 
     def paused_home(self, until: float) -> Node:
-        """Wait for the one home, and let it pause."""
+        """Wait until only one home remains, and pause it."""
         asked: Node | None = None
         while asked is None or asked.paused is None:
             homes = [node for node in self.nodes if node.role == "home"]
@@ -401,7 +406,7 @@ class Faults:
         )
 
     def wait(self, until: float, what: str) -> None:
-        """Look on, and fail at the end of the patience."""
+        """Continue to check states; fail after the time limit."""
         self.look_once()
         if time.monotonic() > until:
             told = [
@@ -415,12 +420,12 @@ def close_pipes(process: subprocess.Popen[bytes]) -> None:
     """Close the ends of a process that has ended."""
     for pipe in (process.stdin, process.stdout):
         assert pipe is not None
-        with suppress(BrokenPipeError):  # a line that was not read
+        with suppress(BrokenPipeError):  # an unread line
             pipe.close()
 
 
 def main() -> None:
-    """Run cycles, and print what was seen."""
+    """Run cycles, and print the counts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cycles", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)

@@ -33,20 +33,20 @@ NAME = "site/robot1"
 
 
 def new_home(buffer: tfdb.Buffer, link: Link, name: str = NAME, **options: Any) -> Home:
-    """As `publish` makes it, on a link."""
+    """Create a home on a link, as `publish` does."""
     epoch = epoch_for(buffer, name, [token.epoch for _, token in link.tokens(name)])
     return Home(buffer, name, link, epoch, **options)
 
 
 def copy_once(buffer: tfdb.Buffer, link: Link) -> None:
-    """Bring a store up to its home, by a mirror that then stops."""
+    """Copy a home to a store by a mirror, which then stops."""
     mirror = Mirror(buffer, NAME, link)
     mirror.wait_until_live(LONGEST)
     mirror._stop()
 
 
 def wait_for(events: NetEvents, kind: str) -> Event:
-    """The next event of a kind."""
+    """Wait for the next event of a kind."""
     until = time.monotonic() + LONGEST
     while time.monotonic() < until:
         event = events.read_next(1.0)
@@ -60,7 +60,7 @@ def wait_for_commit(mirror: Mirror, commit: int) -> None:
     until = time.monotonic() + LONGEST
     while mirror.position is None or mirror.position.commit < commit:
         assert time.monotonic() < until, (mirror.state, mirror.position, mirror.stats)
-        with suppress(tfdb.WaitTimeout):  # the position may be read just before
+        with suppress(tfdb.WaitTimeout):  # the position may have been read just before
             mirror._buffer.wait_for_commit(mirror._buffer.commit, 0.05)
 
 
@@ -181,7 +181,7 @@ def test_the_store_of_a_fenced_home_is_read_only_and_then_a_mirror(
     mirror.wait_until_live(LONGEST)
     with source.snapshot() as snap:
         forked = in_epoch(snap.state_bytes(), home.epoch)
-    # What the mirror lacks: it is promoted before it hears of it.
+    # Commits that the mirror lacks when it is promoted.
     mirror._stop()
     source.set_transform("map", "alone", 10, *pose(2))
     beyond = state_of(source)
@@ -216,7 +216,7 @@ def test_a_home_hears_the_latest_of_two_later_homes(links: Links, tmp_path: Path
     home = new_home(source, links(), keep_lost=lost)
     copy_once(spare, links())
     source.set_transform("map", "alone", 10, *pose(2))
-    # The first later home ends before it is heard.
+    # The first later home ends before its message arrives.
     link = links()
     first = Token("home", epoch_after(home.epoch))
     token = link.announce(NAME, first)
@@ -243,7 +243,7 @@ def test_a_fenced_home_that_lost_nothing_goes_on_as_a_mirror_without_a_state(lin
         home.close()
         spare.set_transform("map", "later", 20, *pose(3))
         with Mirror(source, NAME, link) as back:
-            wait_for_commit(back, spare.commit)  # more than it had
+            wait_for_commit(back, spare.commit)  # more than the mirror had
             assert back.stats.states == 0
             assert state_of(source) == state_of(spare)
 
@@ -310,7 +310,7 @@ def test_a_promoted_home_that_was_killed_goes_on_as_a_mirror(links: Links) -> No
     wait_for(home.events(), "fenced")
     home.close()
     promoted.close()
-    spare.set_transform("map", "unsent", 20, *pose(3))  # it is not heard of any more
+    spare.set_transform("map", "unsent", 20, *pose(3))  # its messages do not arrive any more
     with second.promote() as last:
         step_back(spare, NAME, [last.epoch])
         with Mirror(spare, NAME, link) as back:
@@ -372,7 +372,7 @@ def test_a_promoted_store_with_frames_of_its_own_sends_states(links: Links) -> N
 
 
 def list_events(events: NetEvents) -> list[Event]:
-    """What has come."""
+    """Return the received events."""
     found = []
     while (event := events.read_next()) is not None:
         found.append(event)
@@ -402,7 +402,7 @@ def test_a_promoted_mirror_takes_over(links: Links) -> None:
 
 
 def test_a_home_that_began_before_its_mirrors_epoch_stops_and_begins_again(links: Links) -> None:
-    """Such as that of a machine whose clock was behind, while no mirror could be seen."""
+    """The home's machine may have a slow clock, and may not have reached the mirror before."""
     source, copy, link = tfdb.Buffer(), tfdb.Buffer(), links()
     source.set_transform("map", "base", 0, *pose(1))
     with Home(source, NAME, link, Epoch(9, b"i" * 16)), Mirror(copy, NAME, links()) as mirror:

@@ -1,4 +1,4 @@
-"""A home and a mirror in processes that are killed again and again, while a third one reads."""
+"""The processes of a home and a mirror are killed repeatedly, while a third one reads."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ with tfdb.net.Session(connect=endpoint) as session:
 
 @pytest.fixture
 def stores() -> Iterator[tuple[str, str]]:
-    """Names of the home's and the mirror's store."""
+    """Names of the stores of home and mirror."""
     names = f"test-net-home-{os.getpid()}", f"test-net-mirror-{os.getpid()}"
     yield names
     for name in names:
@@ -76,7 +76,9 @@ class Process:
 
 
 def read(copy: tfdb.Buffer, until: float, last: int) -> tuple[int, int]:
-    """Look at states: a commit is whole, and none goes back. Returns the last and how many."""
+    """Check states: commits are whole, and states never go back. Returns the last one and the
+    count.
+    """
     seen = 0
     while time.monotonic() < until:
         with copy.snapshot() as snap:

@@ -1,4 +1,4 @@
-"""The protocol as a SPIN model: all states within small bounds, and faults that are put in."""
+"""The protocol as a SPIN model: all states of a small model, and seeded faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Homes and mirrors in network namespaces with faults, and the judge of their states."""
+"""Homes and mirrors in network namespaces with faults, and the check of their states."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ EPOCH, LATER = Epoch(5, b"a" * 16), Epoch(6, b"b" * 16)
 
 
 def why_no_namespaces() -> str:
-    """Why this process may make no network namespaces; empty if it may."""
+    """Return why this process may not create network namespaces; empty if it may."""
     try:
         with BadNetwork(1, 0):
             return ""
@@ -59,7 +59,7 @@ def test_a_bad_network_tears_nothing_and_all_are_equal_at_the_end() -> None:
 
 
 def written(last: int, tag: int = 1, buffer: tfdb.Buffer | None = None) -> tfdb.Buffer:
-    """A store with all batches up to one, those that it had, and others of a tag."""
+    """Return a store with the first batches of another one, and later batches of a tag."""
     buffer = buffer or tfdb.Buffer()
     for number in range(last_batch(buffer)[0] + 1, last + 1):
         write_batch(buffer, number, tag)
@@ -75,7 +75,9 @@ def mirror_of(source: tfdb.Buffer, epoch: Epoch) -> tfdb.Buffer:
 
 
 def look(*buffers: tfdb.Buffer) -> Copy:
-    """Look at stores in turn, as if they were one. Tag 2 begins behind batch 30 of tag 1."""
+    """Check stores one after the other, as if they were one. Tag 2 begins after batch 30 of tag
+    1.
+    """
     judge = Judge()
     judge.begins |= {1: (0, 0), 2: (30, 1)}
     copy = Copy(buffers[0])
@@ -95,7 +97,7 @@ def test_the_judge_takes_all_that_homes_write() -> None:
 
 
 def spoil_edge(frame: str) -> Callable[[tfdb.Buffer], None]:
-    """Write one edge of a batch alone."""
+    """Write only one edge of a batch."""
 
     def spoil(buffer: tfdb.Buffer) -> None:
         at, number = MOVING.index(frame), 41

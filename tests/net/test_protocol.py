@@ -31,7 +31,7 @@ WORLDS = int(os.environ.get("TFDB_NET_WORLDS", "40"))
 
 
 def run(seed: int) -> World:
-    """Run one world to its end."""
+    """Run one random network to its end."""
     world = World(seed)
     for _ in range(3000):
         world.step()
@@ -47,7 +47,7 @@ def test_random_worlds_keep_all_promises() -> None:
 
 
 def finds(seeds: int = 60) -> bool:
-    """Whether a fault that was put in is found."""
+    """Whether a seeded fault is found."""
     for seed in range(seeds):
         try:
             run(seed)
@@ -116,7 +116,7 @@ def test_a_home_that_counts_commits_of_its_own_as_the_forks_is_found(
 
 @pytest.fixture
 def home() -> Iterator[Sender]:
-    """A home of a store with ten commits, in an epoch of its own."""
+    """A home whose store has ten commits, in its own epoch."""
     buf = tfdb.Buffer()
     write(buf, 10)
     sender = Sender(buf, Epoch(5, b"e" * 16))
@@ -132,12 +132,12 @@ def write(buf: tfdb.Buffer, count: int) -> None:
 
 
 def new_mirror(into: tfdb.Buffer | None = None) -> Receiver:
-    """A mirror that knows nothing."""
+    """A mirror without a position."""
     return Receiver(into or tfdb.Buffer(), SOURCE, "", (), EventLog(SOURCE))
 
 
 def kinds(receiver: Receiver) -> list[str]:
-    """The kinds of its events."""
+    """Return the kinds of its events."""
     found, number = [], 0
     while True:
         number, event = receiver._log.after(number)
@@ -147,7 +147,7 @@ def kinds(receiver: Receiver) -> list[str]:
 
 
 def answered(receiver: Receiver, sender: Sender, now: float) -> Question:
-    """Ask what is due, and have it answered."""
+    """Send the due request, and process the answer."""
     question = receiver.question(now)
     assert question is not None
     receiver.take_answer(sender.answer(question), now)
@@ -553,7 +553,9 @@ def test_the_epoch_of_a_new_home() -> None:
 
 
 def test_a_mirror_of_a_later_home_asks_an_earlier_one_so_that_it_stops(home: Sender) -> None:
-    """Such as one whose machine's clock is behind, and which began while no mirror was there."""
+    """The earlier home's machine may have a slow clock, and the home may have started without a
+    mirror.
+    """
     into = tfdb.Buffer()
     later = Sender(home._buffer, Epoch(6, b"f" * 16))
     receiver = new_mirror(into)

@@ -26,11 +26,11 @@ trustme = pytest.importorskip("trustme", reason="PyPI's trustme is not installed
 pytestmark = needs_zenoh
 NAME = "site/robot1"
 LATER = "9223372036854775000", "ff" * 16
-"""The epoch of a false home, in a key."""
+"""The epoch of a forged home, in a key."""
 
 
 class Authority:
-    """Makes certificates in files."""
+    """Creates files with certificates."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self.folder, self.name, self.made = folder, name, trustme.CA()
@@ -89,7 +89,7 @@ def test_the_allowed_mirror_is_live_and_another_certificate_hears_nothing(
 
 
 def test_a_reader_can_neither_send_commits_nor_be_a_home(authority: Authority) -> None:
-    """Neither commits nor the token of a later home."""
+    """It can publish neither commits nor the token of a later home."""
     import zenoh
 
     endpoint = free_secure_endpoint()
@@ -108,7 +108,7 @@ def test_a_reader_can_neither_send_commits_nor_be_a_home(authority: Authority) -
         mirror.wait_until_live(LONGEST)
         reader.put(f"tfdb/1/{NAME}/log", b"hello")
         reader.liveliness().declare_token(f"tfdb/1/{NAME}/@home/{'/'.join(LATER)}")
-        # A question goes the same way behind them, and its answer comes back.
+        # A request follows these messages on the same connection, and its answer arrives.
         assert list(reader.get(f"tfdb/1/{NAME}/state?epoch=0-{'00' * 16}", timeout=5))
         source.set_transform("map", "base", 2, *pose(2))
         wait_for_commit(mirror, source.commit)
@@ -186,7 +186,7 @@ def test_strangers_get_no_session(authority: Authority, tmp_path: Path) -> None:
     endpoint = free_secure_endpoint()
     router = tfdb.net.secure(**authority.files("robot1"), listen=endpoint)
     stranger = Authority(tmp_path, "theirs").files("robot1")
-    # The stranger believes in our authority, and has a certificate of another.
+    # The stranger trusts our authority, but has a certificate of another one.
     config = tfdb.net.secure(**stranger, connect=endpoint)
     tls = config["transport"]["link"]["tls"]
     tls["root_ca_certificate"] = router["transport"]["link"]["tls"]["root_ca_certificate"]

@@ -53,12 +53,12 @@ class Child:
         assert self.read() == "ready"
 
     def read(self) -> str:
-        """A line of its output."""
+        """Read a line of its output."""
         assert self.process.stdout is not None
         return self.process.stdout.readline().strip()
 
     def write(self, count: int) -> int:
-        """Let it commit; returns its last commit."""
+        """Let it commit; return its last commit."""
         assert self.process.stdin is not None
         self.process.stdin.write(f"{count}\n")
         self.process.stdin.flush()
@@ -95,7 +95,7 @@ def test_a_home_in_another_process_is_killed_and_begun_again(store_name: str) ->
 
 
 def test_a_router_that_is_begun_again(store_name: str) -> None:
-    """The home's session and the mirror's connect again by themselves."""
+    """The sessions of home and mirror reconnect by themselves."""
     endpoint = free_endpoint()
     source, copy = tfdb.Buffer(), tfdb.Buffer()
     router = tfdb.net.Session(listen=endpoint)
@@ -117,7 +117,7 @@ def test_a_router_that_is_begun_again(store_name: str) -> None:
 
 
 class CutSession:
-    """A session of Zenoh whose close waits for a network in vain."""
+    """A session of Zenoh whose `close` times out in a cut network."""
 
     def __init__(self) -> None:
         self.closes = 0
@@ -206,7 +206,7 @@ def test_a_namespace_has_one_home() -> None:
 
 
 def test_a_home_that_has_just_begun_is_seen() -> None:
-    """Also by its own session, which may still hear of the tokens that were there before."""
+    """Its own session sees it as well, although older tokens may still arrive there."""
     with tfdb.net.Session(listen=free_endpoint()) as session:
         for number in range(60):
             name = f"{NAME}/{number}"
@@ -218,7 +218,7 @@ def test_a_home_that_has_just_begun_is_seen() -> None:
 
 
 def test_a_new_home_is_later_than_the_last_home_of_its_mirrors() -> None:
-    """Also if its clock, and so its store's epoch, is behind."""
+    """This holds even if its clock, and so the epoch of its store, is behind."""
     endpoint = free_endpoint()
     source, copy = tfdb.Buffer(), tfdb.Buffer()
     late = tfdb.data.types.Epoch(1 << 62, bytes(16))
@@ -436,10 +436,10 @@ def test_nothing_listens_unless_asked() -> None:
 
 
 def listening() -> set[str]:
-    """Addresses at which this process listens or that it has bound, of TCP and UDP."""
+    """Return the bound and listening TCP and UDP addresses of this process."""
     inodes = set()
     for each in Path("/proc/self/fd").iterdir():
-        with suppress(FileNotFoundError):  # that of the listing
+        with suppress(FileNotFoundError):  # the descriptor of the listing itself
             inodes.add(str(each.readlink()))
     found = set()
     for table in ("tcp", "tcp6", "udp", "udp6"):

@@ -28,7 +28,7 @@ NAME = "site/robot1"
 def ask_until(
     session: Session, done: Callable[[list[Status]], bool], name: str | None = None
 ) -> list[Status]:
-    """Ask again until the answer is as expected: declarations take a moment to arrive."""
+    """Repeat the request until the answer is as expected: declarations take some time to arrive."""
     until = time.monotonic() + LONGEST
     while not done(found := tfdb.net.status(name, session=session)):
         assert time.monotonic() < until, found
@@ -36,7 +36,7 @@ def ask_until(
 
 
 def states(found: list[Status]) -> list[tuple[str, str, str]]:
-    """What a test compares."""
+    """Return the compared fields."""
     return [(each.name, each.role, each.state) for each in found]
 
 

@@ -1,6 +1,6 @@
 """Homes and mirrors in a network that loses, doubles, delays and reorders, step by step.
 
-Every state that a mirror shows is compared with what the home of its epoch had at that commit.
+Each visible state of a mirror is compared with the state of its epoch's home at that commit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SOURCE = "robot1"
 
 
 class BrokenPromiseError(AssertionError):
-    """A promise of the protocol is broken."""
+    """The protocol has broken a guarantee."""
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Node:
     was_home: bool = False
     life: int = 0
     seen: tuple[Epoch, int] = (NONE, 0)
-    """The last position that its store has shown."""
+    """The last visible position of its store."""
     read: int = 0
 
 
@@ -54,10 +54,10 @@ class World:
         self.writer = Writer(seed)
         self.loss = 0.0 if calm else self.random.choice([0.0, 0.05, 0.3])
         self.sight = 0.7
-        """How probably a new home sees a token."""
+        """Probability that a new home sees a token."""
         self.now = 0.0
         self.flight: list[tuple[int, int, str, Any]] = []
-        """What is under way: to which node in which life, what it is, and that."""
+        """Messages in transit: target node, its life, kind, and content."""
         self.history: dict[tuple[Epoch, int], bytes] = {}
         self.forks: dict[Epoch, tuple[Epoch, int]] = {}
         self.checked = self.rewound = 0
@@ -68,13 +68,13 @@ class World:
             self.begin_mirror(node)
 
     def new_store(self) -> tfdb.Buffer:
-        """Make a store that keeps all."""
+        """Create a store with unlimited history."""
         return tfdb.Buffer(history=None)
 
     # -- lives -------------------------------------------------------------------------------------
 
     def next_epoch(self, node: Node) -> Epoch:
-        """As `epoch_for` of a store that outlives its process; some tokens are not seen."""
+        """Return `epoch_for` of a store that survives its process; some tokens are invisible."""
         others = [each for each in self.nodes if each is node or self.random.random() < self.sight]
         seen = [NONE, *(each.sender.epoch for each in others if each.sender)]
         seen += [each.receiver.known for each in others if each.receiver]
@@ -85,7 +85,7 @@ class World:
         return Epoch(max(seen).number + 1, self.random.randbytes(16))
 
     def begin_home(self, node: Node) -> None:
-        """Let a node be a home, also one that was a mirror."""
+        """Turn a node into a home, even if it was a mirror."""
         node.receiver, node.was_home = None, True
         epoch = self.next_epoch(node)
         origin = take_over(node.buffer, SOURCE, epoch)
@@ -96,7 +96,7 @@ class World:
         self.tell(node, alive=True)
 
     def begin_mirror(self, node: Node) -> None:
-        """Let a node be a mirror, also one that was promoted before."""
+        """Turn a node into a mirror, even if it was promoted before."""
         node.sender = None
         step_back(node.buffer, SOURCE, ())
         for each in node.buffer.positions():
@@ -119,23 +119,23 @@ class World:
         node.life += 1
 
     def rise(self, node: Node) -> None:
-        """Begin a process again: on its store, or on an empty one."""
+        """Restart a process, with its store or an empty one."""
         if node.was_home and self.random.random() < 0.6:
             self.begin_home(node)
             return
-        # What a home that never was a mirror has is not known to be the source's, unless it heard
-        # of a later one.
+        # The data of a home that was never a mirror does not belong to the source, unless a later
+        # home replaced it.
         if (node.was_home and not node.buffer.positions()) or self.random.random() < 0.3:
             self.empty(node)
         self.begin_mirror(node)
 
     def empty(self, node: Node) -> None:
-        """Give a node a new store."""
+        """Replace the store of a node by a new one."""
         node.buffer, node.seen = self.new_store(), (NONE, 0)
         node.was_home = False
 
     def promote(self, node: Node) -> None:
-        """Make a mirror the home."""
+        """Promote a mirror."""
         assert node.receiver is not None
         if node.receiver.position is not None:
             self.begin_home(node)
@@ -143,7 +143,7 @@ class World:
     # -- the network -------------------------------------------------------------------------------
 
     def send(self, node: Node, kind: str, what: Any) -> None:
-        """Send something to a node: once, twice or never."""
+        """Send a message to a node: once, twice or never."""
         times = 1
         if kind == "log":
             times = 0 if self.random.random() < self.loss else 1
@@ -151,17 +151,17 @@ class World:
         self.flight += [(node.number, node.life, kind, what)] * times
 
     def tell(self, home: Node, *, alive: bool) -> None:
-        """Tell all others of a home's token."""
+        """Send a home's token to all other nodes."""
         assert home.sender is not None
         for node in self.nodes:
             if node is not home:
                 self.send(node, "token", (home.sender.epoch, alive))
 
     def deliver(self) -> None:
-        """Deliver one thing that is under way."""
+        """Deliver one message in transit."""
         if not self.flight:
             return
-        at = self.random.randrange(min(len(self.flight), 12))  # none waits for ever
+        at = self.random.randrange(min(len(self.flight), 12))  # no message waits forever
         number, life, kind, what = self.flight.pop(at)
         node = self.nodes[number]
         if kind == "question":
@@ -175,7 +175,7 @@ class World:
             self.check(node)
 
     def feed(self, node: Node, receiver: Receiver, kind: str, what: Any) -> None:
-        """Give a mirror what came."""
+        """Pass a message to a mirror."""
         if kind == "log":
             receiver.take(what, self.now)
         elif kind == "token":
@@ -184,13 +184,13 @@ class World:
             receiver.take_answer(self.each_checked(node, what), self.now)
 
     def each_checked(self, node: Node, messages: list[bytes]) -> Iterator[bytes]:
-        """Give a mirror the messages of an answer, and check it after each."""
+        """Pass the messages of an answer to a mirror, and check the mirror after each."""
         for each in messages:
             yield each
             self.check(node)
 
     def answer(self, asker: Node, life: int, question: Question) -> None:
-        """Let all homes answer."""
+        """Send a request to all homes."""
         found: list[list[bytes]] = []
         for node in self.nodes:
             if node.sender is None or self.random.random() < self.loss:
@@ -203,7 +203,7 @@ class World:
         self.flight.append((asker.number, life, "answer", messages))
 
     def meet(self, home: Node, epoch: Epoch) -> None:
-        """Let a home hear of an epoch: of a later one it steps down."""
+        """Announce an epoch to a home, which stops if the epoch is later."""
         if home.sender is not None and epoch > home.sender.epoch:
             self.fenced += 1
             epoch = home.sender.epoch
@@ -213,12 +213,12 @@ class World:
     # -- steps -------------------------------------------------------------------------------------
 
     def write(self, home: Node) -> None:
-        """Commit something to a home."""
+        """Make a commit in the store of a home."""
         self.writer.act(home.buffer)
         self.note(home)
 
     def pump(self, home: Node) -> None:
-        """Send what is next, or a head."""
+        """Send the next message, or a head."""
         assert home.sender is not None
         message = home.sender.next() if self.random.random() < 0.8 else home.sender.head()
         for node in self.nodes:
@@ -226,7 +226,7 @@ class World:
                 self.send(node, "log", message)
 
     def ask(self, node: Node) -> None:
-        """Let a mirror ask what is due."""
+        """Send the due request of a mirror."""
         assert node.receiver is not None
         node.receiver.tick(self.now)
         question = node.receiver.question(self.now)
@@ -235,7 +235,7 @@ class World:
         self.check(node)
 
     def step(self) -> None:
-        """Do one random thing."""
+        """Do one random action."""
         self.now += 0.02
         node = self.random.choice(self.nodes)
         chance = self.random.random()
@@ -257,7 +257,7 @@ class World:
             self.rise(node)
 
     def settle(self) -> None:
-        """Mend the network, and end all homes but one: all mirrors must come to its last commit."""
+        """End all faults and all homes but one: all mirrors must reach its last commit."""
         self.loss, self.sight = 0.0, 1.0
         homes = [node for node in self.nodes if node.sender is not None]
         for node in homes:
@@ -270,7 +270,7 @@ class World:
         for _ in range(1500):
             self.now += 0.02
             self.deliver()
-            if home.sender is None:  # it stopped: its user begins it again
+            if home.sender is None:  # the home stopped, and its user restarts it
                 self.kill(home)
                 self.begin_home(home)
             for node in self.nodes:
@@ -289,7 +289,7 @@ class World:
     # -- what must hold ----------------------------------------------------------------------------
 
     def note(self, home: Node) -> None:
-        """Note the state of a home."""
+        """Store the state of a home."""
         assert home.sender is not None
         place = home.sender.epoch, home.buffer.commit
         state = state_of(home.buffer)
@@ -297,7 +297,7 @@ class World:
             raise BrokenPromiseError(f"two homes have another state at {place}")
 
     def check(self, node: Node) -> None:
-        """Compare what a mirror shows with what its home had."""
+        """Compare the state of a mirror with that of its home."""
         found = node.buffer.positions()
         if not found:
             return
@@ -324,6 +324,6 @@ class World:
             told = [
                 each.after for each in events if (each.kind, each.before) == ("rewound", before)
             ]
-            # Commits that it kept may follow at once.
+            # Stored later commits may follow at once.
             if not any(after and after[0] == place[0] and after <= place for after in told):
                 raise BrokenPromiseError(f"from {before} to {place} without a word: {events}")

@@ -1,4 +1,4 @@
-"""Commands of `tfdb` on live graphs: in this process, or in one of their own."""
+"""Commands of `tfdb` on live graphs, in this process or in a separate one."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tfdb.cli.app import cli
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Click 8.1 has to be asked to keep the two streams apart, 8.2 does so always.
+# Click 8.1 needs an option to separate the two streams; 8.2 always does.
 _APART = "mix_stderr" in inspect.signature(CliRunner.__init__).parameters
 RUNNER = CliRunner(**({"mix_stderr": False} if _APART else {}))
 SECONDS = 20.0
 
 
 def tfdb_says(*arguments: object, code: int = 0) -> str:
-    """What a command prints that ends with that code; of an error, its line."""
+    """Return the output of a command with that exit code; for an error, its error line."""
     done = RUNNER.invoke(cli, [str(each) for each in arguments])
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
@@ -33,12 +33,12 @@ def tfdb_says(*arguments: object, code: int = 0) -> str:
 
 
 def tfdb_json(*arguments: object, code: int = 0) -> Any:
-    """The JSON object that it prints."""
+    """Return the JSON object that a command prints."""
     return json.loads(tfdb_says(*arguments, "--json", code=code))
 
 
 def tfdb_hears(holds: Callable[[Any], object], *arguments: object) -> Any:
-    """The JSON object of what listens, for so long that it heard what it should."""
+    """Return the JSON object of a listening command that has received the expected data."""
     seconds = 0.3
     while not holds(told := tfdb_json(*arguments, "--for", seconds)):
         seconds *= 2
@@ -47,7 +47,7 @@ def tfdb_hears(holds: Callable[[Any], object], *arguments: object) -> Any:
 
 
 class Command:
-    """A command that runs until it is told to end."""
+    """A command that runs until `end` is called."""
 
     def __init__(self, *arguments: object, environment: dict[str, str] | None = None) -> None:
         self.process = subprocess.Popen(
@@ -67,14 +67,14 @@ class Command:
         self.process.communicate()
 
     def line(self) -> str:
-        """The next line that it prints."""
+        """Return the next line of its output."""
         assert self.process.stdout
         found = self.process.stdout.readline()
         assert found or self.process.poll() is None, self.process.communicate()[1]
         return found
 
     def end(self, number: int = signal.SIGINT) -> tuple[int, str]:
-        """Its exit code, and what else it prints, once it is told to end."""
+        """End the command; return its exit code and the rest of its output."""
         self.process.send_signal(number)
         said, _ = self.process.communicate(timeout=SECONDS)
         return self.process.returncode, said

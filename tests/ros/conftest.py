@@ -1,4 +1,4 @@
-"""One master, and one program of rospy, for all tests of live nodes."""
+"""One master and one rospy program for all tests of live nodes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def master_uri() -> Iterator[str]:
 
 @pytest.fixture
 def ros1(master_uri: str, monkeypatch: pytest.MonkeyPatch) -> str:
-    """This process belongs to the graph of the master, whose URI it is."""
+    """Let this process belong to the graph of the master; return the master's URI."""
     monkeypatch.setenv("ROS_MASTER_URI", master_uri)
     monkeypatch.setenv("ROS_IP", "127.0.0.1")
     monkeypatch.delenv("ROS_HOSTNAME", raising=False)
@@ -32,7 +32,7 @@ def ros1(master_uri: str, monkeypatch: pytest.MonkeyPatch) -> str:
 
 @pytest.fixture(scope="session")
 def rospy_child(master_uri: str) -> Iterator[RospyChild]:
-    """A program of rospy that lives as long as all tests."""
+    """A rospy program that runs until the end of all tests."""
     child = RospyChild(master_uri, "theirs")
     yield child
     child.end()
@@ -40,7 +40,7 @@ def rospy_child(master_uri: str) -> Iterator[RospyChild]:
 
 @pytest.fixture
 def new_child(ros1: str) -> Iterator[Callable[[str], RospyChild]]:
-    """Makes programs of rospy that end with the test."""
+    """Starts rospy programs that end with the test."""
     with ExitStack() as stack:
 
         def make(name: str) -> RospyChild:

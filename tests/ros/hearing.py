@@ -1,4 +1,4 @@
-"""Messages for nodes without ROS, and what hears them."""
+"""Messages for nodes without ROS, and their receiver."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def message(x: float, parent: str = "map", child: str = "base", stamp: int = 5 *
 
 
 class Heard:
-    """Messages that came, with their publishers."""
+    """Received messages, with their publishers."""
 
     def __init__(self) -> None:
         self.messages: queue.Queue[tuple[bytes, str]] = queue.Queue()
@@ -34,7 +34,7 @@ class Heard:
 
 
 def published_until_heard(publisher: Any, heard: Heard, data: bytes) -> tuple[bytes, str]:
-    """Publish until a message arrives: a subscription takes its time to reach the publisher."""
+    """Publish until a message arrives: a subscription needs some time to reach the publisher."""
     until = time.monotonic() + LIMIT
     while heard.messages.empty():
         assert time.monotonic() < until

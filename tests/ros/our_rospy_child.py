@@ -1,6 +1,6 @@
-"""A program of rospy that uses tfdb as well: the verbs of rospy_child.py, and those of ours.
+"""A rospy program that also uses tfdb: the commands of rospy_child.py, and some for tfdb.
 
-Runs under the Python that has tfdb, with Debian's packages of ROS behind its own.
+It runs in the Python that has tfdb, with Debian's ROS packages at the end of its path.
 """
 
 import pickle
@@ -83,7 +83,7 @@ def our_times(count, seconds):
 
 
 def our_end():
-    """What a closed node says, and what it told those who listen to its clock."""
+    """Return the error of a closed node, and the last calls of its clock callbacks."""
     NODES[-1].close()
     try:
         NODES[-1].advertise("x", "tf2_msgs/TFMessage")
@@ -93,7 +93,7 @@ def our_end():
 
 
 def their_view(topic, kind):
-    """What the program's own subscriber gets of a message that it shares with ours."""
+    """Return a message that the program's subscriber shares with tfdb's."""
     seen = []
 
     def called(message):
@@ -117,13 +117,13 @@ def what_they_saw(topic, kind, seconds):
 
 
 def our_server(name):
-    """A BufferServer of ours, in rospy."""
+    """Start tfdb's BufferServer in rospy."""
     buffer = tf2.Buffer(flavor="ros1", debug=False)
     OPENED[name] = (buffer, tf2.BufferServer(buffer, name))
 
 
 def buffers(whose):
-    """Make a buffer for each letter, ours or tf2's: whether each offers the tree, and their own."""
+    """Create a buffer of tfdb or tf2 for each letter; return whether each offers its tree."""
     made = []
     for who in whose:
         made.append((tf2 if who == "o" else tf2_ros).Buffer())
@@ -140,7 +140,7 @@ def our_transform(name, text):
 
 
 def our_look_up(name, arguments, seconds):
-    """What a BufferClient of ours gets, in rospy."""
+    """Return the result of tfdb's BufferClient in rospy."""
     client = tf2.BufferClient(name)
     try:
         return [

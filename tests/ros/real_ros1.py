@@ -1,7 +1,6 @@
-"""A real graph of ROS 1: Debian's master, and programs of rospy in processes of their own.
+"""A real ROS 1 graph: Debian's master, and rospy programs in separate processes.
 
-Where Debian's packages are missing the tests that need them skip and say so; with CI=true they
-fail.
+If Debian's packages are missing, tests that need them are skipped; with CI=true they fail.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 PYTHON = "/usr/bin/python3"
 CHILD = Path(__file__).with_name("rospy_child.py")
-SECONDS = 20.0  # in which whatever is waited for must have come
+SECONDS = 20.0  # seconds after which a wait fails
 
 
 @cache
@@ -101,7 +100,7 @@ def running_master() -> Iterator[str]:
 
 
 class RospyChild:
-    """A program of rospy that does what it is told."""
+    """A rospy program that executes commands."""
 
     def __init__(self, uri: str, name: str, python: str = PYTHON, script: Path = CHILD) -> None:
         self.process = subprocess.Popen(
@@ -115,12 +114,12 @@ class RospyChild:
         self._name = name
 
     def call(self, verb: str, *arguments: Any) -> Any:
-        """Have it done; returns its answer."""
+        """Execute a command; return the answer."""
         self.ask(verb, *arguments)
         return self.answer()
 
     def ask(self, verb: str, *arguments: Any) -> None:
-        """Have it begun."""
+        """Send a command, without waiting for the answer."""
         assert self.process.stdin
         if self._name:
             name, self._name = self._name, ""
@@ -129,7 +128,7 @@ class RospyChild:
         self.process.stdin.flush()
 
     def answer(self) -> Any:
-        """What it answers to what was asked."""
+        """Return the answer to the last command."""
         assert self.process.stdout
         line = self.process.stdout.readline()
         assert line, f"the program of rospy has ended with {self.process.wait()}"
@@ -138,7 +137,7 @@ class RospyChild:
         return value
 
     def kill(self) -> None:
-        """End it as by kill -9: nothing is unregistered."""
+        """Kill it by SIGKILL, so that it unregisters nothing."""
         self.process.kill()
         self.process.communicate()
 

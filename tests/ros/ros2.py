@@ -1,7 +1,7 @@
 """A real ROS 2 for tests: Jazzy's rclpy, in processes that have its environment.
 
-`python tools/make_ros2_env.py` makes it. Where it is missing the tests that need it skip and say
-so; with CI=true they fail.
+`python tools/make_ros2_env.py` makes it. If it is missing, tests that need it are skipped; with
+CI=true they fail.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def _tool() -> ModuleType:
 
 @cache
 def _domain() -> tuple[int, socket.socket]:
-    """Take a ROS domain of this process's own: the socket keeps it until the process ends."""
+    """Reserve a ROS domain for this process; the socket holds it until the process ends."""
     for number in range(100):
         domain = 1 + (os.getpid() + number) % 100
         lock = socket.socket()
         try:
-            # DDS takes UDP ports from here on, so this TCP port is free but for other tests.
+            # DDS uses UDP ports from here on, so only other tests use this TCP port.
             lock.bind(("127.0.0.1", 7400 + 250 * domain))
         except OSError:
             lock.close()
@@ -50,12 +50,12 @@ def _domain() -> tuple[int, socket.socket]:
 
 
 def own_domain() -> int:
-    """A ROS domain that no other process of tests has."""
+    """A ROS domain that no other test process uses."""
     return _domain()[0]
 
 
 def environment() -> dict[str, str]:
-    """Variables of a process that has ROS 2, tfdb and a graph of its own; or a skip."""
+    """Return the environment of a process with ROS 2, tfdb and its own graph, or skip the test."""
     tool = _tool()
     if not tool.is_made():
         unavailable("no ROS 2: python tools/make_ros2_env.py")
@@ -68,7 +68,7 @@ def environment() -> dict[str, str]:
 
 def run_cases(path: Path) -> None:
     """Run a file of tests in a process that has ROS 2."""
-    # ROS 2 imports what Python deprecates. A test that hangs shows where before the limit.
+    # ROS 2 imports deprecated parts of Python. A hanging test prints its stack before the limit.
     options = ["-q", "-p", "no:cacheprovider", "-W", "ignore::DeprecationWarning"]
     options += ["-o", f"faulthandler_timeout={LIMIT / 3}"]
     command = [sys.executable, "-m", "pytest", *options, str(path)]

@@ -1,6 +1,6 @@
-"""A program of rospy: does what each line of its input says, and answers each with a line.
+"""A rospy program: executes each line of its input, and answers it by a line.
 
-Runs under the system's Python: what it uses of ROS is Debian's, and nothing of tfdb.
+It runs in the system's Python, with Debian's ROS and without tfdb.
 """
 
 import importlib
@@ -60,7 +60,7 @@ def listen(topic, kind):
 
 
 def connected_to(topic, seconds):
-    """Whether the subscriber of a topic has a publisher, once it has one."""
+    """Wait until the subscriber of a topic has a publisher; return whether it has."""
     deadline = time.monotonic() + seconds
     while SUBSCRIBERS[topic].get_num_connections() == 0:
         if time.monotonic() > deadline:
@@ -105,7 +105,7 @@ def serve(name, kind, text):
 
 
 def ask(name, kind):
-    """What a service answers: ok and its only field, or the error."""
+    """Return the answer of a service: ok and its only field, or the error."""
     rospy.wait_for_service(name, 10)
     try:
         answer = rospy.ServiceProxy(name, class_of(kind, "srv"))()
@@ -115,7 +115,7 @@ def ask(name, kind):
 
 
 def ask_often(name, kind, count):
-    """Answers over one connection."""
+    """Return several answers over one connection."""
     proxy = rospy.ServiceProxy(name, class_of(kind, "srv"), persistent=True)
     answers = [proxy() for _ in range(count)]
     proxy.close()
@@ -142,13 +142,13 @@ def time_of(nanoseconds):
 
 
 def client(server, seconds):
-    """Debian's BufferClient; whether a server is connected."""
+    """Create Debian's BufferClient; return whether a server is connected."""
     CLIENTS[server] = tf2_ros.BufferClient(server)
     return CLIENTS[server].wait_for_server(rospy.Duration(seconds))
 
 
 def look_up(server, full, arguments, seconds):
-    """What it answers: ok and the fields, or the exception and its text."""
+    """Return its answer: ok and the fields, or the exception and its text."""
     given = [time_of(each) if isinstance(each, int) else each for each in arguments]
     made = CLIENTS[server]
     find = made.lookup_transform_full if full else made.lookup_transform
@@ -159,7 +159,7 @@ def look_up(server, full, arguments, seconds):
 
 
 def begin_goal(server, target, source, seconds):
-    """Send a goal by actionlib, and do not wait for its result."""
+    """Send a goal by actionlib, without waiting for its result."""
     made = CLIENTS[server].client
     made.send_goal(
         LookupTransformGoal(
@@ -169,7 +169,7 @@ def begin_goal(server, target, source, seconds):
 
 
 def wait_active(server, seconds):
-    """State of the last goal, once it is not pending."""
+    """Return the state of the last goal, once it is not pending."""
     deadline = time.monotonic() + seconds
     while CLIENTS[server].client.get_state() == 0 and time.monotonic() < deadline:
         time.sleep(0.005)
@@ -177,7 +177,7 @@ def wait_active(server, seconds):
 
 
 def cancel_goal(server, seconds):
-    """Cancel it; its last state."""
+    """Cancel the last goal; return its last state."""
     made = CLIENTS[server].client
     made.cancel_goal()
     made.wait_for_result(rospy.Duration(seconds))
@@ -185,7 +185,7 @@ def cancel_goal(server, seconds):
 
 
 def main():
-    # What rospy prints would stand between the answers.
+    # rospy's output would mix with the answers.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     for line in sys.stdin:

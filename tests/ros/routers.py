@@ -19,13 +19,13 @@ def free_endpoint() -> str:
 
 
 def overriding(endpoint: str) -> str:
-    """ZENOH_CONFIG_OVERRIDE for nodes of a router."""
+    """Return ZENOH_CONFIG_OVERRIDE for the nodes of a router."""
     return f'connect/endpoints=["{endpoint}"]'
 
 
 @contextmanager
 def router_at(endpoint: str) -> Iterator[Any]:
-    """A session that is a router."""
+    """Open a session that is a router."""
     import zenoh
 
     config = zenoh.Config()

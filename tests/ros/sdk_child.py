@@ -1,4 +1,4 @@
-"""A program of PyPI's zenoh-ros2-sdk: prints what it hears, sends what it reads."""
+"""A program of PyPI's zenoh-ros2-sdk: prints received messages, sends its input."""
 
 from __future__ import annotations
 

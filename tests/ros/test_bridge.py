@@ -53,7 +53,7 @@ def wire(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, zenoh_
 
 @pytest.fixture
 def new_store() -> Iterator[Callable[[str], tfdb.Buffer]]:
-    """Makes shared stores that end with the test."""
+    """Creates shared stores, which are removed after the test."""
     with ExitStack() as stack:
 
         def make(name: str) -> tfdb.Buffer:
@@ -65,7 +65,7 @@ def new_store() -> Iterator[Callable[[str], tfdb.Buffer]]:
 
 
 def full(name: str) -> str:
-    """Name of a store of this process's own."""
+    """Return the name of a store of this process."""
     return f"test-bridge-{name}-{os.getpid()}"
 
 
@@ -106,7 +106,7 @@ def arrive_fixed(store: tfdb.Buffer, child: str, number: int) -> None:
 
 
 def join(one: tfdb.Buffer, other: tfdb.Buffer, child: str) -> None:
-    """Wait until what moves in one store arrives in the other, and nothing of it is on the way."""
+    """Wait until moving samples of one store arrive in the other, and none is in transit."""
     number = 0
     while True:
         number += 1
@@ -120,7 +120,7 @@ def join(one: tfdb.Buffer, other: tfdb.Buffer, child: str) -> None:
 
 
 def meet(a: tfdb.Buffer, b: tfdb.Buffer, number: int) -> None:
-    """Wait until all messages have arrived, and all that they would set off."""
+    """Wait until all messages have arrived, and all messages caused by them."""
     for one, other, child in ((a, b, "from_a"), (b, a, "from_b"), (a, b, "from_a_again")):
         move(one, child, number)
         arrive(other, child, number)
@@ -142,9 +142,9 @@ def test_two_stores_on_one_graph(wire: str, new_store: Callable[[str], tfdb.Buff
     with bridge(wire, "a") as at_a:
         assert "shm:" + full("a") in at_a.line()
         with bridge(wire, "b", "--json") as at_b:
-            arrive_fixed(b, "lidar", 1)  # for a late joiner
+            arrive_fixed(b, "lidar", 1)  # for a node that joins later
             fix(b, "camera", 2)
-            arrive_fixed(a, "camera", 2)  # for one that was first
+            arrive_fixed(a, "camera", 2)  # for a node that joined before
             join(a, b, "from_a")
             join(b, a, "from_b")
             meet(a, b, 1000)
@@ -156,7 +156,7 @@ def test_two_stores_on_one_graph(wire: str, new_store: Callable[[str], tfdb.Buff
                     arrive(b, "base", number)
                     arrive(a, "crane", number)
             meet(a, b, 2000)
-            # Each commit of either store is one in the other.
+            # Each commit of one store is one commit in the other.
             assert (a.commit, b.commit) == (before[0] + 2 * COUNT + 3, before[1] + 2 * COUNT + 3)
             same(a, b, "base", "base_arm", "crane", "crane_arm", "lidar", "camera")
             fix(a, "lidar", 3)
@@ -209,7 +209,7 @@ def test_a_killed_bridge_goes_on(wire: str, new_store: Callable[[str], tfdb.Buff
             meet(a, b, 2000)
             assert (a.commit, b.commit) == (before[0] + 13, before[1] + 13)
             same(a, b, "base", "lidar", "camera")
-            # The store has a static transform of the graph, which does not return to it.
+            # The store has a static transform of the graph, which is not sent back.
             heard = Heard()
             with node(wire, "late") as late:
                 late.subscribe("/tf_static", TF, heard, latched=True)
@@ -229,7 +229,7 @@ def test_one_store_joins_two_graphs(
     need(second)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     domain, store = ros2.own_domain(), new_store("both")
-    # Of one domain where the wires differ.
+    # The graphs have one domain if their transports differ.
     graphs = [("zenoh", domain + (second == "zenoh")), (second, domain)]
     with ExitStack() as stack:
         one, two = (stack.enter_context(node(kind, "same", number)) for kind, number in graphs)
@@ -252,7 +252,7 @@ def test_one_store_joins_two_graphs(
 
 
 def sent_at_once(sender: Any) -> None:
-    """Let it send what was committed, in this thread."""
+    """Let the sender send all commits, in this thread."""
     sender.end()
     sender.run()
     sender.close()
@@ -279,7 +279,7 @@ def test_a_lapped_bridge_counts_and_keeps_static_transforms(
 
 
 class LappingNode:
-    """A node whose first message of each read lets a whole feed of commits follow."""
+    """A node that makes a whole feed of commits at the first message of each read."""
 
     encoding = "cdr"
     senders: frozenset[str] = frozenset()
@@ -454,7 +454,7 @@ def test_a_burst_that_waits_is_stored_whole(zenoh_router: str) -> None:
     is_stored, count = threading.Event(), 300
 
     class Slow(ZenohNode):
-        """Its bridge stores nothing before `is_stored`."""
+        """A node whose bridge stores nothing before `is_stored`."""
 
         def subscribe(self, topic: str, kind: str, on_message: Any, **options: Any) -> Any:
             def wait(data: bytes, publisher: str) -> None:
@@ -468,11 +468,11 @@ def test_a_burst_that_waits_is_stored_whole(zenoh_router: str) -> None:
         at.subscribe("/end", TF, arrived)
         sender, end = peer.advertise("/tf", TF), peer.advertise("/end", TF)
         with Bridge(store, at) as bridge:
-            published_until_heard(end, arrived, message(0))  # routes of the two nodes are there
+            published_until_heard(end, arrived, message(0))  # the two nodes are connected
             for number in range(count):
                 sender.publish(message(number, stamp=5 * S + number))
             end.publish(message(1))
-            while arrived.next()[0] != message(1):  # behind all of the burst
+            while arrived.next()[0] != message(1):  # after the whole burst
                 pass
             is_stored.set()
             arrive(store, "base", count - 1)
@@ -531,7 +531,7 @@ def test_a_store_has_one_bridge_to_a_graph(
     name = f"ros2+{wire}:{ros2.own_domain()}"
     with node(wire, "a") as a, node(wire, "b") as b:
         for store in (shared, tfdb.Buffer()):
-            for _ in range(2):  # the end of a bridge lets another one begin
+            for _ in range(2):  # after the end of a bridge, another one may begin
                 with Bridge(store, a):
                     for origin in (None, name):
                         with pytest.raises(tfdb.InvalidArgument, match="already") as caught:
@@ -563,7 +563,7 @@ def test_a_forked_child_does_not_keep_a_graph(new_store: Callable[[str], tfdb.Bu
             os.close(end)
             os.write(begin, b"1")
             os.read(ended, 1)  # until the test closes the other end
-        os._exit(0 if claim else 1)  # as if it was killed
+        os._exit(0 if claim else 1)  # as if the process was killed
     try:
         assert os.read(begun, 1) == b"1"
         assert os.waitpid(parent, 0)[1] == 0

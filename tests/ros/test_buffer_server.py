@@ -142,7 +142,7 @@ def test_actionlib_sees_goals_as_active_and_cancels_them(
 
 @pytest.fixture(scope="module")
 def debians_server(master_uri: str, rospy_child: RospyChild) -> Iterator[str]:
-    """Name of Debian's buffer_server, which knows the transforms."""
+    """Name of Debian's buffer_server, which has the transforms."""
     command = ["/usr/lib/tf2_ros/buffer_server", "__name:=debians"]
     process = subprocess.Popen(
         command,
@@ -166,7 +166,7 @@ def test_our_client_gets_debians_answers(
     client = tf2.BufferClient(debians_server, node=node)
     assert client.wait_for_server(msgs.Duration(20))
     assert rospy_child.call("client", debians_server, SECONDS)
-    # What it was sent is there.
+    # It has the sent transforms.
     client.lookup_transform("map", "arm", 3 * S, msgs.Duration(20))
     for full, question in QUESTIONS:
         word, wanted = rospy_child.call("look_up", debians_server, full, question, 0)
@@ -227,7 +227,7 @@ def test_a_server_that_is_missing_silent_or_gone(node: TcprosNode, buffer: tf2.B
     with pytest.raises(tf2.TimeoutException, match="did not come back in the specified time"):
         client.lookup_transform("map", "base", 0)
     assert client.can_transform("map", "base", 0) is False
-    # It takes the goal and does not answer; then the client's node ends.
+    # It accepts the goal and does not answer; then the client's node ends.
     with (
         tf2.BufferServer(buffer, SERVER, node=node) as server,
         TcprosNode("asking_node", arguments=[]) as other,
@@ -291,7 +291,7 @@ def test_a_cancelled_goal_and_one_from_before_a_cancellation(
             with server._transport._lock:
                 server._transport._goals.clear()
                 server._transport._last_cancel = 0
-        # Not known yet, and known as too old.
+        # Before the goal is known, and after it counts as too old.
         cancels.publish(encode_goal_id(GoalId(0, "later")))
         until(lambda: "later" in server._transport._goals, "the wish")
         goals.publish(encode_goal(1, GoalId(8, "later"), never))
@@ -302,13 +302,13 @@ def test_a_cancelled_goal_and_one_from_before_a_cancellation(
         status, _ = result()
         assert status.status == 8
         assert "before the timestamp of the last cancel" in status.text
-        # Without an id it gets one.
+        # A goal without id gets one.
         goals.publish(encode_goal(1, GoalId(), LookupGoal("map", "base", S, 0)))
         status, found = result()
         assert status.status == 3
         assert status.goal_id.id.startswith("/serving-")
         assert plain(found.transform)[3][0] == 1.0
-        # Nonsense is left out.
+        # Invalid messages are ignored.
         goals.publish(b"nonsense")
         goals.publish(encode_goal(1, GoalId(0, "last"), LookupGoal("map", "base", S, -1)))
         assert result()[0].goal_id.id == "last"

@@ -46,12 +46,12 @@ def test_the_bytes_are_read_by_rosbags(stamp: int, cdr: bool) -> None:
 def name() -> Iterator[str]:
     made = f"test-clock-{os.getpid()}"
     yield made
-    with suppress(tfdb.errors.NoSuchStore):  # refused options make none
+    with suppress(tfdb.errors.NoSuchStore):  # refused options create no store
         tfdb.Buffer.unlink(made)
 
 
 def test_play_publishes_the_clock(ros1: str, name: str) -> None:
-    """Also while it is paused, and never the system's time."""
+    """It also publishes while it is paused, and never the system's time."""
     heard: queue.Queue[int] = queue.Queue()
     with open_node("ros1", "listener") as node:
         node.subscribe(

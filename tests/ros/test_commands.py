@@ -1,4 +1,4 @@
-"""Commands on a live graph of ROS 1: a real master, and a program of rospy that publishes."""
+"""Commands on a live ROS 1 graph: a real master, and a publishing rospy program."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STATIC = transforms(("base", "camera", 0, 0.5))
 
 
 class Robot:
-    """Transforms that a program of rospy publishes on the graph."""
+    """Transforms that a rospy program publishes on the graph."""
 
     def __init__(self, child: RospyChild) -> None:
         self._child = child
@@ -44,12 +44,12 @@ class Robot:
         child.call("send", "/tf_static", [STATIC.hex()])
 
     def moves(self, *stamps: int) -> None:
-        """Publish map -> base, `x` being the seconds of the stamp."""
+        """Publish map -> base; `x` is the stamp in seconds."""
         texts = [transforms(("map", "base", stamp, stamp / S)).hex() for stamp in stamps]
         self._child.call("send", "/tf", texts)
 
     def is_heard(self) -> None:
-        """Wait until one more listens."""
+        """Wait until one more node listens."""
         self.joined += 1
         assert self._child.call("joined", "/tf", self.joined, SECONDS)
 
@@ -74,7 +74,7 @@ def store() -> Iterator[str]:
 
 
 def nodes_of(uri: str) -> set[str]:
-    """Nodes of which the master knows anything."""
+    """Return the nodes that the master lists."""
     with xmlrpc.client.ServerProxy(uri) as master:
         _, _, state = master.getSystemState("/test")  # type: ignore[misc]
     return {node for part in state for _, nodes in part for node in nodes}  # type: ignore[union-attr]
@@ -144,13 +144,13 @@ def test_rosnode_kill_ends_serve(ros1: str, robot: Robot, store: str) -> None:
 
 
 def numbers(text: str) -> list[list[float]]:
-    """The numbers in brackets of what echo prints, line by line."""
+    """Return the numbers in brackets in each line of echo's output."""
     found = re.findall(r"\[([-\d., ]+)\]", text)
     return [[float(number) for number in each.split(",")] for each in found]
 
 
 def test_echo_as_debians(ros1: str, robot: Robot) -> None:
-    """The same order of arguments, the same lines with the same figures."""
+    """The order of arguments, the lines and the numbers are the same."""
     arguments = ["camera", "base", "-r", "50", "-p", "6"]
     program = Path("/usr/lib/tf2_tools/echo.py")
     command = [PYTHON, "-u", program, *arguments]
@@ -221,7 +221,7 @@ def test_frames_of_a_graph_are_drawn(ros1: str, robot: Robot, tmp_path: Path) ->
 
 
 def test_a_page_shows_a_graph(ros1: str, robot: Robot) -> None:
-    """Its frames, and who published them."""
+    """The page has the frames and their publishers."""
     with Command("view", "ros1:", "--port", "0", "--no-open", "--json") as viewing:
         text = ""
         while not text.endswith("}\n"):
@@ -242,7 +242,7 @@ def test_a_page_shows_a_graph(ros1: str, robot: Robot) -> None:
 
 
 def test_static_publisher(ros1: str, rospy_child: RospyChild) -> None:
-    """Who comes later gets it."""
+    """A node that joins later gets the transform."""
     arguments = ("1", "-2", "3", "0.6", "0", "0", "0.8", "map", "base")
     with Command("static-publisher", "ros1:", *arguments, "__name:=ours") as publisher:
         assert "map -> base" in publisher.line()
@@ -283,7 +283,9 @@ def test_change_notifier(ros1: str, robot: Robot, rospy_child: RospyChild) -> No
 def test_buffer_server(
     ros1: str, robot: Robot, rospy_child: RospyChild, store: str, *, shared: bool
 ) -> None:
-    """Debian's BufferClient asks; from what is listened to, or from a store that others fill."""
+    """Debian's BufferClient gets answers from the listener's data, or from a store that others
+    fill.
+    """
     action = f"server_{shared}".lower()
     options: list[str] = []
     if shared:

@@ -1,4 +1,4 @@
-"""Our nodes in graphs over DDS, over loopback. `in_ros2/dds_cases.py` has the real rclpy."""
+"""DdsNodes in graphs over loopback. `in_ros2/dds_cases.py` tests them with the real rclpy."""
 
 from __future__ import annotations
 

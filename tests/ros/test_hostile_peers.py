@@ -36,7 +36,7 @@ def node(ros1: str) -> Iterator[TcprosNode]:
 
 @contextmanager
 def answering(**methods: Any) -> Iterator[str]:
-    """URI of an XML-RPC server of these methods."""
+    """Start an XML-RPC server with these methods; return its URI."""
     server = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
     for name, method in methods.items():
         server.register_function(method, name)
@@ -51,7 +51,7 @@ def answering(**methods: Any) -> Iterator[str]:
 
 
 class FakePublisher:
-    """Accepts subscribers, and sends each what the test says."""
+    """Accepts subscribers, and sends each the bytes that the test chooses."""
 
     def __init__(self, stack: ExitStack) -> None:
         self.listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
@@ -63,7 +63,7 @@ class FakePublisher:
         self.stack = stack
 
     def accept(self, *parts: bytes) -> socket.socket:
-        """Take the next connection, and send these."""
+        """Accept the next connection, and send these bytes."""
         connection = self.stack.enter_context(self.listener.accept()[0])
         for part in parts:
             connection.sendall(part)
@@ -77,7 +77,7 @@ def fake() -> Iterator[FakePublisher]:
 
 
 def tell(node: TcprosNode, topic: str, *uris: str) -> None:
-    """Say to the node who publishes, as the master would."""
+    """Report the publishers to the node, as the master would."""
     with xmlrpc.client.ServerProxy(node.uri) as slave:
         assert slave.publisherUpdate("/master", topic, list(uris)) == [1, "", 0]
 
@@ -108,9 +108,9 @@ def test_a_publisher_that_breaks_the_protocol_is_left_and_tried_again(
     tell(node, "/tf", fake.uri)
     for _ in range(2):
         connection = fake.accept(*sent)
-        with suppress(OSError):  # it may have been left already
+        with suppress(OSError):  # the node may have disconnected already
             connection.shutdown(socket.SHUT_WR)
-    # The third time it behaves.
+    # The third time it follows the protocol.
     fake.accept(HEADER, frame(MOVE))
     assert heard.wait(1) == [MOVE]
     assert heard.publishers == ["/fake"]
@@ -141,7 +141,8 @@ def test_silent_and_slow_publishers_delay_no_other(node: TcprosNode, fake: FakeP
         for position in range(5, len(frame(MOVE))):
             rest.sendall(frame(MOVE)[position : position + 1])
         assert heard.wait(2) == [MOVE, MOVE]
-        # Those that publish no more are left, and closing does not wait for the silent one.
+        # The node disconnects from former publishers, and its `close` does not wait for the silent
+        # one.
         tell(node, "/tf", fake.uri)
         assert rest.recv(1 << 16)
         assert rest.recv(1) == b""

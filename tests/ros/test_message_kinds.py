@@ -37,13 +37,13 @@ def test_checksums_are_those_of_debians_classes() -> None:
     found, made, asked = json.loads(output.splitlines()[-1])
     ours = {name: kind_of(name).md5sum for name in names}
     assert ours == found
-    # A tool that knows only what a publisher says of itself makes the same of it.
+    # A tool that knows only the publisher's header computes the same definition.
     assert made == found
     assert {name: service_kind(name).md5sum for name in SERVICES} == asked
 
 
 def test_checksums_of_diagnostics_are_those_of_rosbags() -> None:
-    """Debian has no package of these."""
+    """Debian has no package with these messages."""
     types = get_typestore(Stores.ROS1_NOETIC)
     for name in ("DiagnosticArray", "DiagnosticStatus", "KeyValue"):
         _, checksum = types.generate_msgdef(f"diagnostic_msgs/msg/{name}")

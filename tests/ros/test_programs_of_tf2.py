@@ -1,4 +1,4 @@
-"""Debian's programs of tf2, unchanged: on their tf2_ros and on ours, beside Debian's publisher."""
+"""Debian's unchanged tf2 programs, on Debian's tf2_ros and on tfdb, with Debian's publisher."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ THEIRS = [PYTHON]
 
 @pytest.fixture
 def robot(ros1: str) -> Iterator[str]:
-    """Debian's static_transform_publisher of T[map<-base_link]; its graph's URI."""
+    """Start Debian's static_transform_publisher of T[map<-base_link]; return the graph's URI."""
     need()
     with subprocess.Popen(
         [PUBLISHER, *POSE, "map", "base_link"],
@@ -54,13 +54,13 @@ def program(how: list[str], uri: str, folder: Path, *command: str) -> subprocess
 
 
 def test_tools_print_the_same_as_on_tf2(robot: str, tmp_path: Path) -> None:
-    """`echo.py` and `view_frames.py`, all four at once: one of them listens for 5 s."""
+    """`echo.py` and `view_frames.py` run at the same time, because one of them listens for 5 s."""
     said = {}
     running = []
     for name, how in (("ours", OURS), ("theirs", THEIRS)):
         folder = tmp_path / name
         folder.mkdir()
-        # Two nodes of one name would end each other.
+        # Two nodes with the same name would end each other.
         echo_arguments = ("map", "base_link", "-l", "1", f"__name:=echo_{name}")
         echo = program(how, robot, folder, f"{TOOLS}/echo.py", *echo_arguments)
         view = program(how, robot, folder, f"{TOOLS}/view_frames.py", f"__name:=view_{name}")
@@ -69,7 +69,7 @@ def test_tools_print_the_same_as_on_tf2(robot: str, tmp_path: Path) -> None:
         out, _ = echo.communicate(timeout=LIMIT)
         assert echo.returncode == 0, out
         out = re.sub("current time [0-9.]*", "", out)
-        # Without `dot` the picture is not drawn.
+        # Without `dot` no picture is drawn.
         view.communicate(timeout=LIMIT)
         graph = (folder / "frames.gv").read_text()
         said[name] = out, re.sub("at time: [0-9.]*", "", graph)
@@ -91,7 +91,7 @@ def test_a_late_joiner_gets_their_publishers_transforms(robot: str) -> None:
 
 
 def test_a_program_of_rospy_on_ours(robot: str, tmp_path: Path) -> None:
-    """As a tutorial has it: nothing in it knows of tfdb."""
+    """The program is that of a tutorial, without tfdb."""
     source = tmp_path / "tutorial.py"
     source.write_text("""
 import rospy, tf2_ros, tf2_geometry_msgs
@@ -203,7 +203,7 @@ print(type(client.client).__name__, client.client.wait_for_server(rospy.Duration
 
 
 def test_overridden_callbacks_and_topics_by_hand(robot: str, tmp_path: Path) -> None:
-    """The same program on both says the same."""
+    """The same program prints the same on both."""
     source = tmp_path / "by_hand.py"
     source.write_text(BY_HAND)
     said = {}

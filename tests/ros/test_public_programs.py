@@ -1,8 +1,8 @@
-"""Public programs of ROS 1, unchanged on tfdb and on Debian's tf2, where their sources are at hand.
+"""Unchanged public programs of ROS 1 on tfdb and on Debian's tf2, if sources are available.
 
 TFDB_PUBLIC_PROGRAMS names a folder with `geometry_tutorials-kinetic`, the branch kinetic-devel of
-geometry_tutorials. Its turtle_tf2_listener_wait.py is left out: it names `tf2_ros.Exception`, which
-no tf2 has. The same for ROS 2: `tests/ros/in_ros2/public_programs_cases.py`.
+geometry_tutorials. Its turtle_tf2_listener_wait.py is omitted, because it uses `tf2_ros.Exception`,
+which no tf2 has. `tests/ros/in_ros2/public_programs_cases.py` has the tests for ROS 2.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class srv:
         _request_class = made("SpawnRequest", FIELDS + "string name\\n")
         _response_class = made("SpawnResponse", "string name\\n")
 """
-# Two turtles that stand still; the first command of the second one is printed.
+# Two turtles that do not move; the first command of the second one is printed.
 SIMULATOR = """
 import rospy, turtlesim.msg, turtlesim.srv
 from geometry_msgs.msg import Twist
@@ -62,7 +62,7 @@ while not commands:
 print("%.5f %.5f" % (commands[0].linear.x, commands[0].angular.z))
 """
 STANDING = {"turtle_tf_listener.py", "turtle_tf2_listener.py"}
-"""These follow a turtle that stands still; the others follow a carrot that turns."""
+"""These programs follow a turtle that does not move; the others follow a rotating carrot."""
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def running(
 
 
 def followed(how: list[str], folder: Path, nodes: Path, listener: str) -> str:
-    """The first command to a turtle that follows another, or its carrot."""
+    """Return the first command to a turtle that follows another turtle or a carrot."""
     package = nodes.parent.name
     broadcaster = str(nodes / f"{package}_broadcaster.py")
     with running_master() as uri, ExitStack() as stack:

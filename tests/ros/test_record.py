@@ -16,7 +16,7 @@ STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def count_of(path: Path) -> int:
-    """How many samples of the frame base the file has so far."""
+    """Return the number of samples of the frame base in the file so far."""
     try:
         loaded = tfdb.load(path, salvage=True)
     except tfdb.errors.RecordingError:  # no transform yet

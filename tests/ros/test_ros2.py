@@ -1,4 +1,4 @@
-"""Live nodes of ROS 2, against the real rclpy: each file of `in_ros2` in a process that has it."""
+"""Live nodes of ROS 2 with the real rclpy: each file of `in_ros2` runs in a process with rclpy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The node of a process of rospy, in a real graph, beside the program's own topics."""
+"""The RospyNode in a real graph, together with the program's own topics."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOVES = [transforms(("map", "base", 1_000_000_001 + i, float(i))).hex() for i in
 
 @pytest.fixture(scope="module")
 def ours(master_uri: str) -> Iterator[RospyChild]:
-    """A program of rospy that uses tfdb."""
+    """A rospy program that uses tfdb."""
     child = RospyChild(master_uri, "", sys.executable, SCRIPT)
     assert "rospy.init_node" in child.call("too_early")
     child.call("start", "mixed")
@@ -121,7 +121,7 @@ def test_simulated_time_and_the_end(
 
 @pytest.fixture
 def new_our_child(master_uri: str) -> Iterator[Callable[[str], RospyChild]]:
-    """Makes programs as `ours` that end with the test."""
+    """Starts programs like `ours` that end with the test."""
     made = []
 
     def make(name: str) -> RospyChild:

@@ -1,4 +1,4 @@
-"""A signal ends a node and all its waits as their timeouts would."""
+"""A signal ends a node and all its waits, with the errors of their timeouts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from ros import real_ros1, ros2
 
 CHILD = Path(__file__).with_name("waiting_child.py")
-WITHIN = 30.0  # seconds; what the child waits for takes minutes
+WITHIN = 30.0  # seconds; the timeouts of the child are minutes
 NO_MAP = 'LookupException "map" passed to lookupTransform argument target_frame does not exist'
 NO_FRAME = "UnknownFrame target frame 'map' does not exist in commit 0; waited "
 NO_COMMIT = "WaitTimeout no commit followed commit 0; waited "
@@ -31,11 +31,11 @@ ENDS = {
     "client": "TimeoutException The ",
     "tf1": "TransformException ",
 }
-SAID = ("store", "wait_for")  # ways whose error says that the node was shut down
+SAID = ("store", "wait_for")  # kinds of waits whose error reports that the node was shut down
 
 
 def check_ends(sent: signal.Signals, side: str, main: str, environment: dict[str, str]) -> None:
-    """Send a signal to a node that waits in all ways, and check how each wait ended."""
+    """Send a signal to a node with all kinds of waits, and check the end of each."""
     with subprocess.Popen(
         [sys.executable, CHILD, side, main],
         env=environment,

@@ -15,7 +15,7 @@ from tfdb.ros.tcpros import Frames, decode_header, encode_header, frame, receive
 
 
 def receive(pieces: list[bytes], limit: int = 1000, size: int = 64) -> list[bytes]:
-    """What comes out of frames that are received in these pieces."""
+    """Return the frames of bytes that are received in these pieces."""
     ours, theirs = socket.socketpair()
     frames, found = Frames(limit, size), []
     with ours, theirs:
@@ -63,7 +63,7 @@ def test_a_frame_is_valid_until_the_next_unless_it_is_kept() -> None:
     def take(data: memoryview) -> None:
         taken.append(data)
         if data == b"second":
-            kept.append(memoryview(data))  # who holds one of these holds the buffer
+            kept.append(memoryview(data))  # a reference to one of these keeps the buffer alive
 
     with ours, theirs:
         for sent in (frame(b"first") + frame(b"second") + frame(b"third"), frame(b"another")):

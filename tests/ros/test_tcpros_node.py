@@ -1,4 +1,4 @@
-"""Our node in a real graph of ROS 1, with programs of rospy, in both directions."""
+"""The TcprosNode in a real ROS 1 graph, with rospy programs, in both directions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOVES = [
 
 
 class Heard:
-    """What a callback has got."""
+    """The arguments of a callback's calls."""
 
     def __init__(self) -> None:
         self.changed = threading.Condition()

@@ -16,7 +16,7 @@ def test_from_broadcaster_to_listener(ros1: str) -> None:
     pose = (1.0, 2.0, 3.0), (0.0, 0.6, 0.0, 0.8)
     deadline = time.monotonic() + 20
     while True:
-        # Until the topic is joined.
+        # Until the topic is connected.
         broadcaster.sendTransform(*pose, stamp, "tf1_base", "tf1_map")
         try:
             listener.waitForTransform("/tf1_map", "tf1_base", stamp, msgs.Duration(0, 50_000_000))

@@ -1,4 +1,4 @@
-"""Our node in graphs of rmw_zenoh, over loopback."""
+"""The ZenohNode in graphs of rmw_zenoh, over loopback."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ HASH = "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
 
 @pytest.fixture
 def router(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """A session that is the router of all others of the test."""
+    """A session that is the router for the test."""
     endpoint = free_endpoint()
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", overriding(endpoint))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
@@ -108,7 +108,7 @@ def test_the_drop_in_works(router: Any) -> None:
 
 
 def attached(size: int = 16, number: int = 1) -> bytes:
-    """A sender that has no token."""
+    """A sender without a token."""
     return number.to_bytes(8, "little") + (9).to_bytes(8, "little") + bytes([size]) + b"\x0b" * size
 
 

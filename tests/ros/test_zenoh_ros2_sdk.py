@@ -1,6 +1,6 @@
-"""A bridge and PyPI's zenoh-ros2-sdk, which writes and reads rmw_zenoh's messages by itself.
+"""A bridge and PyPI's zenoh-ros2-sdk, a separate implementation of rmw_zenoh's messages.
 
-Its publishers keep nothing for late joiners: the bridge must listen before its static transform.
+Its publishers are not latched: the bridge must listen before its static transform is sent.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def test_both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env={**os.environ, "GIT_PYTHON_REFRESH": "quiet"},  # it needs no git
+            env={**os.environ, "GIT_PYTHON_REFRESH": "quiet"},  # so that it does not need git
         ) as child,
     ):
         try:
@@ -59,7 +59,7 @@ def test_both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def check_both_ways(child: Any, store: tfdb.Buffer) -> None:
     def heard(topic: str, name: str) -> float:
-        """The next transform that it hears, but for those of its own."""
+        """Return the next received transform, except its own."""
         while True:
             line = child.stdout.readline()
             assert line, "the program has ended"
@@ -73,11 +73,11 @@ def check_both_ways(child: Any, store: tfdb.Buffer) -> None:
         child.stdin.write(json.dumps([topic, name, x]) + "\n")
         child.stdin.flush()
 
-    assert heard("/tf_static", "lidar") == 0.1  # it is a late joiner
+    assert heard("/tf_static", "lidar") == 0.1  # it joins later
     tell("/tf_static", "theirs_fixed", 7)
     store.lookup_transform("map", "theirs_fixed", None, timeout=LIMIT)
     authority = store.frame_info("theirs_fixed").authority.removeprefix("ros2+zenoh:7/")
-    assert len(bytes.fromhex(authority)) == 16  # of no token
+    assert len(bytes.fromhex(authority)) == 16  # without a token
     for number in range(COUNT):
         tell("/tf", "theirs", number)
         move(store, "ours", number)

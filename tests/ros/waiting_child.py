@@ -1,7 +1,7 @@
 """A ROS node that waits for transforms that never come: `waiting_child.py SIDE MAIN`.
 
-The main thread waits in the way MAIN, a thread each in all others. It prints "waits", then how each
-wait ended, as JSON. Timeouts are minutes: a signal must end the waits.
+The main thread waits in the way MAIN, and one thread in each other way. It prints "waits", then the
+end of each wait as JSON. Timeouts are minutes, so a signal must end the waits.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ ends: dict[str, str] = {}
 
 
 def wait(how: str) -> None:
-    """Wait in one way, and note how it ended."""
+    """Wait in one way, and store how the wait ended."""
     try:
         ends[how] = f"returned {WAITS[how]()}"
     except Exception as error:

@@ -62,9 +62,7 @@ class CommitSender:
         self.refused: int = 0
         self.missed: int = 0
         self.gone: int = 0
-        none = Columns(
-            [], [], None, np.empty((0, 7))
-        )  # this imports the modules for `run`, see above
+        none = Columns([], [], None, np.empty((0, 7)))  # imports the modules for `run`, see above
         self._statics: bytes = encode_tf_message(none, node.encoding)
         self._children: frozenset[str] = frozenset()
         self._is_due, self._is_forced = True, False

@@ -39,7 +39,7 @@ def buffer() -> tf2.Buffer:
 
 
 def ask(graph: Graph, **fields: Any) -> Any:
-    """What a server of the graph answers to rclpy's own client."""
+    """Return the answer of a server to rclpy's own client."""
     client = ActionClient(graph.node("asking", spin=True), LookupTransform, NAME)
     assert client.wait_for_server(20)
     return client.send_goal(LookupTransform.Goal(**fields))
@@ -55,7 +55,7 @@ def test_rclpys_client_gets_our_answers(
         assert found.result.error.error == TF2Error.NO_ERROR
         assert found.result.transform == buffer.lookup_transform("frame0", "base", Time())
         missing = ask(graph, target_frame="nowhere", source_frame="base")
-        # Not aborted, which tf2's clients take for an empty transform.
+        # Not aborted: tf2's clients interpret that as an empty transform.
         assert missing.status == GoalStatus.STATUS_SUCCEEDED
         assert missing.result.error.error == TF2Error.LOOKUP_ERROR
         with pytest.raises(tf2.LookupException) as caught:
@@ -68,13 +68,13 @@ def test_rclpys_client_gets_our_answers(
         assert timed_out.status == GoalStatus.STATUS_SUCCEEDED
         assert timed_out.result.error.error == TF2Error.EXTRAPOLATION_ERROR
         assert "into the future" in timed_out.result.error.error_string
-    gc.collect()  # what rclpy says of futures it says when they go
+    gc.collect()  # rclpy reports errors of futures when they are deleted
     assert "never retrieved" not in capfd.readouterr().err
     until(lambda: not [name for name, _ in services_of(node) if NAME in name])
 
 
 def services_of(node: Any) -> Any:
-    """What it offers in the graph."""
+    """Return the services of a node in the graph."""
     return node.get_service_names_and_types_by_node("serving", "/")
 
 
@@ -143,7 +143,7 @@ def test_a_goal_is_cancelled(graph: Graph, buffer: tf2.Buffer) -> None:
 
 
 def serve(graph: Graph, execute: Callable[[Any], Any], **more: Any) -> None:
-    """Another's server."""
+    """Start a server of another node."""
     node = graph.node("other_server", spin=True)
     server = ActionServer(node, LookupTransform, NAME, execute, **more)
     graph.at_end.append(server.destroy)
@@ -151,7 +151,7 @@ def serve(graph: Graph, execute: Callable[[Any], Any], **more: Any) -> None:
 
 def test_an_aborted_goal_raises(graph: Graph) -> None:
     def execute(goal: Any) -> Any:
-        # As tf2's server does when the time is over.
+        # As tf2's server does after the timeout.
         goal.abort()
         return LookupTransform.Result()
 

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from ros.in_ros2.graph import Graph
 
 S = 1_000_000_000
-UNKNOWN = "default_authority"  # until the graph tells which node a publisher belongs to
+UNKNOWN = "default_authority"  # until the graph knows the node of a publisher
 
 
 @pytest.fixture
 def moving(graph: Graph) -> Any:
-    """A publisher on /tf, beside one that has published on /tf_static."""
+    """A publisher on /tf, and one that has published on /tf_static."""
     node = graph.node("theirs")
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     graph.static = node.create_publisher(TFMessage, "/tf_static", latched)
@@ -76,7 +76,7 @@ def test_serve(moving: Any, store: str) -> None:
 
 
 def monitored(monitor: Command, name: str) -> dict[str, Any]:
-    """What the monitor's next line says of a frame; empty if it does not know it."""
+    """Return the entry of a frame in the monitor's next line; empty if it has none."""
     told = json.loads(monitor.line())
     return next((each for each in told["frames"] if each["frame"] == name), {})
 
@@ -92,11 +92,11 @@ def test_echo_and_monitor(moving: Any) -> None:
         while "error" in (echoed := json.loads(echo.line())):
             pass
         assert (echoed["stamp_ns"], echoed["translation"][0]) == (109 * S + 1, 9)
-        # The monitor counts what comes after its start, which may be later than its subscription.
+        # The monitor counts messages after its start, which may be later than its subscription.
         while not (frame := monitored(monitor, "frame1")).get("messages"):
             moving.publish(message(9, frames=2, parent="map"))
         assert frame["authorities"][0] in {"/theirs", UNKNOWN}
-        # A stamp of 1970 has nothing to do with the clock.
+        # Stamps of 1970 come from another clock.
         assert frame["delay_ns"] is None
         assert echo.end()[0] == 130
         assert monitor.end(signal.SIGTERM)[0] == 143
@@ -113,7 +113,7 @@ def test_record(moving: Any, tmp_path: Path) -> None:
             try:
                 return len(list(tfdb.recorded_commits(part, salvage=True)))
             except tfdb.errors.RecordingError:
-                return 0  # its state is not written yet
+                return 0  # the file has no state yet
 
         until(
             lambda: recorded() > 10,
@@ -149,7 +149,7 @@ def test_watch_publishes_diagnostics(graph: Graph, tmp_path: Path) -> None:
 
 
 def test_static_publisher(graph: Graph) -> None:
-    """Who comes later gets it."""
+    """A node that joins later gets the transform."""
     flags = ("--x", "1", "--yaw", "0.4", "--frame-id", "map", "--child-frame-id", "base")
     with Command("static-publisher", "ros2:", *flags, "--node-name", "ours") as publisher:
         assert "ros2: as /ours" in publisher.line()

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def graph() -> Iterator[Graph]:
-    """Nodes that are ended with the test."""
-    # Who collects all tests has no ROS 2.
+    """Nodes that end with the test."""
+    # A process that collects all tests has no ROS 2.
     import rclpy
 
     from ros.in_ros2.graph import Graph

@@ -130,7 +130,7 @@ def test_a_bridge_with_rclpy(graph: Graph, ours: Any) -> None:
         for child in ("theirs", "ours"):
             found = of(moving, child)
             assert found[found.index(1000) :] == [*range(1000, 1000 + COUNT)]
-        # What was heard is in the store once: one commit for each message.
+        # The store has each received message once: one commit per message.
         written = bridge.stats.sent + 1
         assert store.commit == written + bridge.stats.received
         assert len(of(fixed, "theirs_fixed")) == len(of(fixed, "ours_fixed")) == 1

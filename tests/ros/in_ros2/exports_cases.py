@@ -24,7 +24,7 @@ def ours() -> dict[str, dict[str, list[str]]]:
 
 
 def is_installed(source: str) -> bool:
-    """Whether a name's module is there; "" is tfdb's own."""
+    """Whether the module of a name is installed; "" is tfdb's own."""
     return not source or find_spec(source.partition(".")[0]) is not None or source[:3] == "tf2"
 
 

@@ -1,4 +1,4 @@
-"""Futures of tfdb.tf2 in programs of rclpy: real ones, settled by the storing thread."""
+"""Futures of tfdb.tf2 in programs of rclpy: real ones, completed by the storing thread."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ros.in_ros2.graph import Graph
 
 FOREVER = 60.0
-"""Seconds that nothing here takes."""
+"""A timeout in seconds that is never reached here."""
 
 
 def store(buffer: tf2.Buffer, number: int = 1) -> TransformStamped:
@@ -45,7 +45,7 @@ def begin(buffer: tf2.Buffer, full: bool, timeout: float | None = None) -> Any:
 
 
 def waits(buffer: tf2.Buffer) -> int:
-    """How many waits of a buffer go on."""
+    """Return the number of active waits of a buffer."""
     tellers = tfdb.store.waiting._tellers.values()
     return sum(len(teller.waits) for teller in tellers if teller.buffer is buffer.buffer)
 
@@ -129,7 +129,7 @@ def test_a_coroutine_of_asyncio_goes_on(by: str) -> None:
 
 
 def test_a_loop_of_asyncio_sleeps_while_a_future_is_awaited() -> None:
-    """Upstream's futures have it go round without a pause."""
+    """Upstream's futures keep the loop busy."""
     buffer = tf2.Buffer()
     rounds = 0
 

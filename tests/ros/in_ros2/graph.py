@@ -1,4 +1,4 @@
-"""Nodes of rclpy for a test, spun until something holds."""
+"""Nodes of rclpy for a test, spun until a condition holds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TF = "tf2_msgs/TFMessage"
 
 
 class Graph:
-    """A context with nodes; those that were asked for are spun in one thread."""
+    """A context with nodes; the requested ones are spun in one thread."""
 
     def __init__(self, context: Any) -> None:
         self.context = context
@@ -48,13 +48,13 @@ class Graph:
         return node
 
     def ours(self, node: Any, *, own_thread: bool) -> RclpyNode:
-        """Our node on an rclpy node."""
+        """Return a RclpyNode on an rclpy node."""
         made = RclpyNode(node, own_thread=own_thread)
         self.nodes.append(made)
         return made
 
     def end(self) -> None:
-        """Close ours, then theirs, then ROS."""
+        """Close the RclpyNodes, then the rclpy nodes, then the context."""
         for each in self.nodes:
             each.close()
         if self._spinner is not None:
@@ -77,7 +77,7 @@ class Graph:
 
 
 class Heard:
-    """Messages as they came, with the thread that brought each."""
+    """Received messages, each with its receiving thread."""
 
     def __init__(self) -> None:
         self.messages: list[bytes] = []
@@ -93,7 +93,7 @@ class Heard:
             self._came.notify_all()
 
     def until(self, holds: Callable[[Heard], bool]) -> None:
-        """Wait until it holds of what was heard."""
+        """Wait until a condition holds for the received messages."""
         with self._came:
             assert self._came.wait_for(lambda: holds(self), LIMIT), (
                 f"heard {len(self.messages)} messages, from {set(self.publishers)}"
@@ -101,7 +101,7 @@ class Heard:
 
 
 def until(holds: Callable[[], bool], *, meanwhile: Callable[[], object] | None = None) -> None:
-    """Repeat a call until a condition holds, which can only be polled."""
+    """Poll a condition until it holds."""
     ends = time.monotonic() + LIMIT
     pause = threading.Event()
     while not holds():
@@ -117,7 +117,7 @@ def connected(publisher: Any, subscribers: int = 1) -> None:
 
 
 def message(number: int, frames: int = 1, parent: str = "base") -> TFMessage:
-    """Transforms that tell their number by x, none of them the identity."""
+    """Return transforms whose x is their number; none is the identity."""
     result = TFMessage()
     for index in range(frames):
         each = TransformStamped()
@@ -131,11 +131,11 @@ def message(number: int, frames: int = 1, parent: str = "base") -> TFMessage:
 
 
 def as_bytes(number: int, frames: int = 1, parent: str = "base") -> bytes:
-    """The same, serialized by rclpy."""
+    """Return the same message, serialized by rclpy."""
     data: bytes = serialize_message(message(number, frames, parent))
     return data
 
 
 def numbers(data: list[bytes]) -> list[int]:
-    """Which messages these are."""
+    """Return the numbers of these messages."""
     return [int(tfdb.decode_tf_message(each)[0].translation[0]) for each in data]

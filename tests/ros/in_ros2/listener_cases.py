@@ -1,4 +1,4 @@
-"""Listeners and broadcasters in rclpy, as programs change, end and use them by hand."""
+"""Listeners and broadcasters in rclpy, whose parts programs change, end and use directly."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ both_ways = pytest.mark.parametrize("spin_thread", [True, False], ids=["thread",
 
 
 class Counting(tf2.TransformListener):
-    """Counts messages, and gives their frames other names."""
+    """Counts messages, and renames their frames."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         self.heard: list[Any] = []
@@ -142,7 +142,7 @@ def test_spin_thread_spins_the_node_until_its_executor_is_shut_down(graph: Graph
     assert listener.executor.shutdown()
     listener.dedicated_listener_thread.join(LIMIT)
     assert not listener.dedicated_listener_thread.is_alive()
-    # Nothing is heard any more.
+    # No message arrives any more.
     until(lambda: publisher.get_subscription_count() == 0)
     listener.unregister()
     node.destroy_node()

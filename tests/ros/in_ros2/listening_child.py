@@ -20,7 +20,7 @@ came = threading.Event()
 
 
 def on_message(data: bytes | memoryview, _: str) -> None:
-    """Messages never end: each makes the next."""
+    """Publish the next message for each one, so messages never end."""
     publisher.publish(bytes(data))
     came.set()
 

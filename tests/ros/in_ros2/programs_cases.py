@@ -1,4 +1,4 @@
-"""Programs of PyPI that know only ROS 2's tf2, unchanged, on `tf2.install()`."""
+"""Unchanged programs for ROS 2's tf2 from PyPI, on `tf2.install()`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Public programs of ROS 2, unchanged on `tf2.install()`, where their sources are at hand.
+"""Unchanged public programs of ROS 2 on `tf2.install()`, if their sources are available.
 
 TFDB_PUBLIC_PROGRAMS names a folder with these; a missing one is skipped:
 `geometry_tutorials-ros2` (its branch ros2), `geometry2` (its branch jazzy), `py_trees_ros` (its
@@ -31,7 +31,7 @@ PROGRAMS = Path(os.environ.get("TFDB_PUBLIC_PROGRAMS", "/nowhere"))
 TURTLES = "geometry_tutorials-ros2/turtle_tf2_py/turtle_tf2_py"
 INTERRUPTED = ("KeyboardInterrupt", "ExternalShutdownException", "rcl_shutdown already called")
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Messages of another package stand for turtlesim's.
+# Messages of another package replace turtlesim's.
 TURTLESIM = """
 import sys, types
 from diagnostic_msgs.srv import AddDiagnostics
@@ -64,7 +64,7 @@ sys.exit(found["main"](*arguments))
 
 
 def source(path: str) -> Path:
-    """File of a program, or a skip."""
+    """Return the file of a program, or skip the test."""
     found = PROGRAMS / path
     if not found.exists():
         pytest.skip(f"TFDB_PUBLIC_PROGRAMS has no {path}")
@@ -73,7 +73,7 @@ def source(path: str) -> Path:
 
 @contextmanager
 def running(path: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A program that runs; it is interrupted at the end."""
+    """A running program, which is interrupted at the end."""
     file = source(path)
     with subprocess.Popen(
         [sys.executable, "-c", TURTLESIM + RUN, str(file), *arguments],
@@ -86,13 +86,13 @@ def running(path: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
         finally:
             program.send_signal(2)
             out, _ = program.communicate(timeout=20)
-    # Some let the interruption through, or shut down twice.
+    # Some programs raise KeyboardInterrupt, or shut down twice.
     last = out.strip().rpartition("\n")[2]
     assert "Traceback" not in out or any(each in last for each in INTERRUPTED), out
 
 
 def heard(graph: Graph, kind: Any, topic: str, qos: Any = 10) -> list[Any]:
-    """Messages of a topic, as they come."""
+    """Received messages of a topic."""
     came: list[Any] = []
     graph.node("hearing", spin=True).create_subscription(kind, topic, came.append, qos)
     return came
@@ -184,7 +184,7 @@ def test_view_frames(graph: Graph, tmp_path: Path) -> None:
 
 
 def test_py_trees_ros(tmp_path: Path) -> None:
-    """Its tests of transforms, with no more of the package than these need."""
+    """The package's tests of transforms run with only the needed parts of the package."""
     transforms = source("py_trees_ros/py_trees_ros/transforms.py")
     tests = source("py_trees_ros/tests/test_transforms.py")
     site = source("site")

@@ -1,4 +1,4 @@
-"""How RclpyNode ends, and what it does where rclpy is not as it knows it."""
+"""The end of a RclpyNode, and its behaviour with changed private parts of rclpy."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ both_ways = pytest.mark.parametrize("own_thread", [True, False], ids=["own threa
 
 @pytest.fixture
 def flood() -> Iterator[None]:
-    """Somebody in another context who publishes on /tf until the test is over."""
+    """A publisher in another context, which publishes on /tf until the end of the test."""
     other = Graph(rclpy.Context())
     publisher = other.node("flood").create_publisher(TFMessage, "/tf", 10)
     over = threading.Event()
@@ -49,7 +49,7 @@ def flood() -> Iterator[None]:
 
 @pytest.fixture
 def watcher() -> Iterator[Graph]:
-    """Who sees the graph from another context."""
+    """A node that sees the graph from another context."""
     other = Graph(rclpy.Context())
     yield other
     other.end()
@@ -121,12 +121,12 @@ def test_the_node_ends_amid_messages(graph: Graph, watcher: Graph, flood: None, 
 
 
 def no_listener() -> bool:
-    """Whether no thread of ours is left."""
+    """Whether no receiving thread of tfdb remains."""
     return not [each for each in threading.enumerate() if each.name == "tfdb listener"]
 
 
 class Older:
-    """rclpy's private face without something, or with something else in its place."""
+    """rclpy's private parts with a part missing or replaced."""
 
     def __init__(self, given: Any, **other: Any) -> None:
         self._given = given
@@ -146,7 +146,7 @@ def no_wait_set(*_: Any) -> None:
 
 
 class Bare:
-    """A subscription that gives messages in another way."""
+    """A subscription that returns messages in another form."""
 
     def __init__(self, *given: Any) -> None:
         from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -188,7 +188,7 @@ def test_an_unknown_rclpy_is_listened_to_by_its_subscriptions(
     heard.until(lambda it: len(it.messages) == 20)
     assert numbers(heard.messages) == list(range(20))
     assert set(heard.threads) == {"tfdb listener" if own_thread else "spinner"}
-    # An executor waits by itself.
+    # An executor waits without a receiving thread.
     is_as_expected = not own_thread and "WaitSet" in other
     said = capfd.readouterr().err.count("listening by rclpy's own subscriptions")
     assert said == (0 if is_as_expected else 1)

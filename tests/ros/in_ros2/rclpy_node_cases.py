@@ -1,4 +1,4 @@
-"""RclpyNode: what it hears, sends, serves, and how it ends, against rclpy itself."""
+"""RclpyNode against rclpy: receiving, sending, services, and its end."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_messages_come_in_order_as_rclpy_sent_them(graph: Graph, own_thread: boo
     assert numbers(heard.messages) == list(range(500))
     assert deserialize_message(heard.messages[7], TFMessage) == message(7, frames=3)
     threads = set(heard.threads)
-    # With a thread of our own the executor, which spins all the time, takes none of them.
+    # With a receiving thread, the spinning executor receives none of the messages.
     assert threads == ({"tfdb listener"} if own_thread else {"spinner"})
 
 
@@ -181,7 +181,7 @@ def test_the_publisher_is_named_while_it_is_the_only_one(graph: Graph, own_threa
     until(lambda: node.count_publishers("/tf") == 2)
     second.publish(message(2))
     heard.until(lambda it: 2 in numbers(it.messages))
-    # rclpy does not tell which of the two it was.
+    # rclpy does not report which of the two sent the message.
     assert heard.publishers[numbers(heard.messages).index(2)] == ""
     second_node.destroy_publisher(second)
     until(lambda: node.count_publishers("/tf") == 1)
@@ -280,7 +280,7 @@ def test_simulated_time(graph: Graph) -> None:
     node.set_parameters([Parameter("use_sim_time", value=True)])
     assert ours.simulated
     publisher = graph.node("clock").create_publisher(Clock, "/clock", 10)
-    # A bag that is played twice.
+    # As when a bag is played twice.
     for second in (7, 8, 9, 3, 4):
         stamp = Clock(clock=Time(sec=second, nanosec=5))
         until(

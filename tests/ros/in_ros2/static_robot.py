@@ -1,4 +1,4 @@
-"""A robot of one static transform, until its input ends."""
+"""A robot with one static transform, which runs until its input ends."""
 
 import sys
 

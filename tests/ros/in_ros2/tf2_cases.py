@@ -92,7 +92,7 @@ def test_a_bag_that_starts_again_clears_the_buffer(graph: Graph, spin_thread: bo
             publisher.publish(message(second))
             stamp = rclpy.time.Time(seconds=100 + second)
             until(lambda stamp=stamp: buffer.can_transform("base", "frame0", stamp))
-        # Nothing of the round before is left.
+        # No data of the previous round remains.
         assert not buffer.can_transform("base", "frame0", rclpy.time.Time(seconds=105))
         assert buffer.get_latest_common_time("base", "frame0").nanoseconds == 104 * 10**9
 
