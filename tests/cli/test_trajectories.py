@@ -198,4 +198,4 @@ def test_units_of_stamps(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> No
     assert "beyond the greatest stamp" in tool("info", file, "--stamp-unit", "s", code=2).error
     bag = tmp_path / "out.bag"
     refused = tool("info", bag, "--stamp-unit", "s", code=2).error
-    assert "stamp_unit goes with trajectories" in refused
+    assert "stamp_unit is valid for text trajectories only" in refused

@@ -211,7 +211,7 @@ def test_a_cut_packed_file_promises_no_number(
     with Recording(file, salvage=True) as recording:
         assert list(recording.messages())
         loss = recording.losses[-1]
-    assert loss.reason.startswith("its zstd does not unpack")
+    assert loss.reason.startswith("its zstd data are damaged")
     assert (loss.path, loss.messages, loss.bytes) == (str(file), 0, 0)
 
 
@@ -279,12 +279,12 @@ def without_its_last_message(raw: bytearray) -> None:
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
-        (renumbered, "counts messages of connection 2, which it lacks"),
+        (renumbered, "counts messages of connection 2, but does not declare it"),
         (declared_twice, "declares connection 1 twice"),
-        (of_another_type, "connection 2 is another one in its index"),
+        (of_another_type, "connection 2 differs between its chunks and its index"),
         (without_its_type, "without a topic or a type"),
-        (one_chunk_less, "bytes behind its index"),
-        (longer, "7 bytes behind its index"),
+        (one_chunk_less, "bytes after its index"),
+        (longer, "7 bytes after its index"),
         (without_its_last_message, "counts no message of a connection in a chunk"),
     ],
 )

@@ -119,7 +119,7 @@ def test_they_are_read_beside_tf(tmp_path: Path) -> None:
 
 def test_an_encoding_that_is_not_read_is_named(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "a.mcap", [("/poses", ONE, "flatbuffer", 2, b"1234")])
-    words = r"topic '/poses' is encoded as 'flatbuffer', which is not read: ros1, cdr, protobuf"
+    words = r"topic '/poses' is encoded as 'flatbuffer'; tfdb reads ros1, cdr, protobuf"
     for options in ({}, {"topics": "/poses"}, {"pose_topics": "/poses"}):
         with pytest.raises(tfdb.errors.RecordingError, match=words):
             tfdb.load(path, **options)  # type: ignore[arg-type]

@@ -324,7 +324,7 @@ def test_a_summary_that_denies_when_a_chunk_starts(tmp_path: Path) -> None:
     file = File().chunk([*head, message(1, 3)], 3, [1])
     file.indexes[0] = file.indexes[0][:9] + struct.pack("<Q", 4) + file.indexes[0][17:]
     path = file.end(tmp_path / "a.mcap", b"".join(head), {1: 1}, crc=0)
-    assert "starts" in refused(path)
+    assert "begins at another time" in refused(path)
 
 
 # -- what the format forbids -----------------------------------------------------------------------
@@ -405,9 +405,9 @@ NUMBERS = struct.pack("<QHIIIIQQ", 2, 2, 2, 0, 0, 1, 10, 30) + mapping({1: 2})
 STRAYS = {
     "data: header": (record(1, text("") * 2), "a header before the end of its data"),
     "data: statistics": (record(11, NUMBERS), "a statistics record before the end of its data"),
-    "data: end": (record(15, bytes(4)), "behind the end of its data"),
+    "data: end": (record(15, bytes(4)), "after the end of its data"),
     "data: footer": (record(2, bytes(20)), "a footer before the end of its data"),
-    "data: none": (record(0, b"abc"), "no whole record at"),
+    "data: none": (record(0, b"abc"), "an incomplete record of 3 bytes at"),
     "chunk: header": (record(1, text("") * 2), "a header within a chunk"),
     "chunk: chunk": (
         record(6, struct.pack("<QQQI", 1, 1, 31, 0) + text("") + struct.pack("<Q", 31) + bytes(31)),
@@ -471,7 +471,7 @@ def test_a_message_behind_the_end_of_the_data_is_saved(tmp_path: Path) -> None:
     file = File().chunk([*HEAD, message(1, 10)], 10, [1])
     file.data += record(15, bytes(4)) + message(1, 20)
     path = file.end(tmp_path / "a.mcap")
-    assert "a message behind the end of its data" in refused(path)
+    assert "a message after the end of its data" in refused(path)
     found, (loss,) = read(path, salvage=True)
     assert times(found) == [10, 20]
     assert loss.messages == 0
@@ -578,7 +578,7 @@ def test_a_record_that_swallows_chunks(tmp_path: Path, kind: int) -> None:
     length = len(file.data) - at - 9
     file.data = file.data[: at + 1] + struct.pack("<Q", length) + file.data[at + 9 :]
     file.end(path, b"".join(HEAD), {})
-    assert f"a record at {at} that goes over the chunk at {at + 13}" in refused(path)
+    assert f"a record at {at} overlaps the chunk at {at + 13}" in refused(path)
     found, (loss,) = read(path, salvage=True)
     assert times(found) == [10, 20, 30]
     assert (loss.messages, loss.bytes) == (0, 13)

@@ -417,9 +417,7 @@ def test_damaged_foxglove_is_typed(tmp_path: Path) -> None:
         ):
             decode_poses(text.encode(), source, None, 0)
     path = write_mcap(tmp_path / "run.mcap", "foxglove.FrameTransform", "flatbuffer", b"1234")
-    with pytest.raises(
-        tfdb.errors.RecordingError, match="encoded as 'flatbuffer', which is not read"
-    ):
+    with pytest.raises(tfdb.errors.RecordingError, match="encoded as 'flatbuffer'; tfdb reads"):
         tfdb.load(path, pose_topics="/poses")
 
 

@@ -135,7 +135,7 @@ def test_a_packed_message_that_is_damaged(recorder: Any, messages: Drive, tmp_pa
     database.close()
     buffer = tfdb.Buffer()
     with pytest.raises(
-        tfdb.errors.RecordingError, match="its zstd does not unpack: it is not one whole"
+        tfdb.errors.RecordingError, match="its zstd data are damaged: they are not one complete"
     ):
         buffer.load(file)
     assert buffer.commit == 0
@@ -156,7 +156,7 @@ def test_every_recording_packed_by_hand(recorder: Any, tmp_path: Path, kind: str
     # A cut file is read as far as its compressed blocks are complete.
     packed.write_bytes(packed.read_bytes()[: int(packed.stat().st_size * 0.8)])
     with pytest.raises(
-        tfdb.errors.RecordingError, match=r"its zstd does not unpack.*--salvage"
+        tfdb.errors.RecordingError, match=r"its zstd data are damaged.*--salvage"
     ) as caught:
         tfdb.load(packed)
     assert caught.value.path == str(packed)
@@ -165,16 +165,16 @@ def test_every_recording_packed_by_hand(recorder: Any, tmp_path: Path, kind: str
     assert set(saved) < set(all_of(plain))
     with Recording(packed, salvage=True) as recording:
         assert {loss.path for loss in recording.losses} == {str(packed)}
-        assert "its zstd does not unpack" in str(recording.losses[-1])
+        assert "its zstd data are damaged" in str(recording.losses[-1])
 
 
 def test_other_packed_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv.zst"
     for content, words in (
         (b"", "the file is empty"),
-        (b"1 2 3 4 5 6 7 8\n", "packed with zstd, but holds no recording"),
-        (zstandard.compress(b"x"), "packed with zstd, but holds no recording"),
-        (b"a text\n" * 9, "neither a ROS 1 bag|holds no recording"),
+        (b"1 2 3 4 5 6 7 8\n", "compressed with zstd, but not a recording"),
+        (zstandard.compress(b"x"), "compressed with zstd, but not a recording"),
+        (b"a text\n" * 9, "neither a ROS 1 bag|but not a recording"),
     ):
         path.write_bytes(zstandard.compress(content))
         with pytest.raises(tfdb.errors.RecordingError, match=words) as caught:

@@ -422,7 +422,9 @@ def test_units_belong_to_text(tmp_path: Path) -> None:
     buffer = tfdb.Buffer(history=None)
     buffer.set_trajectory("a", "b", EXPECTED)
     tfdb.recordings.write_recording(tmp_path / "a.bag", buffer)
-    with pytest.raises(tfdb.InvalidArgument, match="stamp_unit goes with trajectories in text"):
+    with pytest.raises(
+        tfdb.InvalidArgument, match="stamp_unit is valid for text trajectories only"
+    ):
         tfdb.load(tmp_path / "a.bag", stamp_unit="ns")
 
 

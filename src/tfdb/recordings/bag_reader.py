@@ -82,7 +82,7 @@ class _Index:
         id_, there = _number(fields, b"conn", 4), _connection(fields, data)
         here = self.connections.get(id_)
         if here is None or (here.topic, here.type) != (there.topic, there.type):
-            raise BadDataError(f"connection {id_} is another one in its index")
+            raise BadDataError(f"connection {id_} differs between its chunks and its index")
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _salvaged(path: Path, file: RawFile) -> Container:
         counted, promised = gathered.promised[id_], index.count(id_)
         gathered.promised[id_] = likelier(counted, promised)
         if counted != promised:
-            gathered.lose(0, f"its index has other numbers of messages of connection {id_}")
+            gathered.lose(0, f"its index has another number of messages of connection {id_}")
     counts = gathered.found()
     sources = _sources(connections, counts)
     return Container(
@@ -214,9 +214,11 @@ def _read_index(path: Path, file: RawFile) -> _Index:
     if len(positions) != len(index.chunks):
         raise BadDataError("its index names the same chunk twice")
     if at < file.size:
-        raise BadDataError(f"{file.size - at} bytes behind its index")
+        raise BadDataError(f"{file.size - at} bytes after its index")
     for id_ in {id_ for chunk in index.chunks for id_ in chunk.counts} - index.connections.keys():
-        raise BadDataError(f"its index counts messages of connection {id_}, which it lacks")
+        raise BadDataError(
+            f"its index counts messages of connection {id_}, but does not declare it"
+        )
     return index
 
 
@@ -258,7 +260,7 @@ def _chunk_messages(
     raw = unpack(_packing(record), file.read(record.at, record.size), _unpacked_size(record))
     for message in _messages_in(raw, ids.__contains__, index.confirm):
         if not chunk.start <= message[0] <= chunk.end:
-            raise BadDataError("a message differs from what the index says of its chunk")
+            raise BadDataError("a message contradicts the index of its chunk")
         yield message
 
 
@@ -340,7 +342,7 @@ def _gather_chunk(
         reason = f"cut short in the middle of a chunk of {record.size} bytes"
     read = found.take(_messages_in(raw, wanted, learn), len(raw))
     if reason is not None or read < len(raw):
-        found.lose(size - read, reason or f"a chunk breaks off at {read}")
+        found.lose(size - read, reason or f"a chunk ends early, at {read}")
 
 
 # -- inside of a chunk ----------------------------------------------------------------------------

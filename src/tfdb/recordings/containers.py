@@ -79,9 +79,9 @@ _OTHERS = (
     (b"\x37\x7f\x06\x83", _LOG),
     (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", _LOG),
     (b"rosbag2_bagfile_information:", "the metadata of a bag folder: give the folder"),
-    (b"\x04\x22\x4d\x18", "packed as a whole with lz4: unpack it first, `lz4 -d {name}`"),
-    (b"BZh", "packed as a whole with bzip2: unpack it first, `bunzip2 {name}`"),
-    (b"\x1f\x8b", "packed as a whole with gzip: unpack it first, `gunzip {name}`"),
+    (b"\x04\x22\x4d\x18", "compressed as a whole with lz4: run `lz4 -d {name}` first"),
+    (b"BZh", "compressed as a whole with bzip2: run `bunzip2 {name}` first"),
+    (b"\x1f\x8b", "compressed as a whole with gzip: run `gunzip {name}` first"),
 )
 
 

@@ -288,7 +288,7 @@ def _whole(path: Path, file: RawFile) -> Container:
     if walked.losses:
         raise BadDataError(walked.losses[0].reason)
     if index.counts and (more := gathered.found() - gathered.promised):
-        raise BadDataError(f"{more.total()} messages more than its statistics have")
+        raise BadDataError(f"{more.total()} more messages than in its statistics")
     return walked
 
 
@@ -708,7 +708,7 @@ class _Walk:
             raise BadDataError(_no_chunk(at))
         self._check_place(kind, at)
         over = self._within(at, end)
-        reason = f"a record at {at} that goes over the chunk at {over}"
+        reason = f"a record at {at} overlaps the chunk at {over}"
         if over is not None and kind != _CHUNK:
             raise BadDataError(reason)
         self._gather(kind, at, size)
@@ -723,14 +723,14 @@ class _Walk:
             if kind != _HEADER:
                 self._note("no header at its beginning")
         elif kind in _KNOWN - (_IN_DATA if self._is_in_data else _IN_SUMMARY):
-            where = "before" if self._is_in_data else "behind"
+            where = "before" if self._is_in_data else "after"
             self._note(f"{_NAMES[kind]} {where} the end of its data")
 
     def _gather(self, kind: int, at: int, size: int) -> None:
         """Read one record."""
         there = min(size, self._file.size - at - _HEAD)
         if kind == 0 or (there < size and (self._strict or kind != _CHUNK)):
-            raise BadDataError(f"no whole record at {at}, where one of {size} bytes begins")
+            raise BadDataError(f"an incomplete record of {size} bytes at {at}")
         if kind == _CHUNK:
             record = self._file.read(at + _HEAD, there)
             self._gather_chunk(record, size)
@@ -764,7 +764,7 @@ class _Walk:
         if crc and crc != _Checksum(self._file).up_to(at):
             self._note(_WRONG_DATA)
         if self._index.summary not in (0, at + _HEAD + size):
-            self._note("a summary that does not begin behind the end of its data")
+            self._note("a summary that does not begin right after the end of its data")
 
     def _gather_chunk(self, record: bytes, size: int) -> None:
         """Read the messages of a chunk; without `strict` it may be cut or damaged."""
@@ -790,7 +790,7 @@ class _Walk:
         self._last.is_sure = reason is None and crc != 0
         read = self._take(raw)
         if reason is not None or read < len(raw):
-            self._found.lose(unpacked - read, reason or f"a chunk breaks off at {read}")
+            self._found.lose(unpacked - read, reason or f"a chunk ends early, at {read}")
 
     def _take(self, raw: Packed) -> int:
         """Add the messages of a chunk; return how many bytes were valid."""
@@ -840,7 +840,7 @@ def _start_of(record: bytes) -> int:
 
 
 def _other_start(at: int) -> str:
-    return f"the chunk at {at} starts when its summary denies it"
+    return f"the chunk at {at} begins at another time than its summary states"
 
 
 def _no_chunk(at: int) -> str:

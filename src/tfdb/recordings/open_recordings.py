@@ -234,7 +234,7 @@ class OpenRecordings:
         choice = self.choice
         unit = choice.stamp_unit
         if unit is not None and all(each.rows is None for each in self.given):
-            reason = f"stamp_unit goes with trajectories in text, and {self.names} is a recording"
+            reason = f"stamp_unit is valid for text trajectories only; {self.names} is a recording"
             raise InvalidArgument(reason, value=unit, path=self.names)
         types = {absolute(t.name): t.type for each in self.given for t in each.topics}
         held = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20]) or "none at all"
@@ -386,7 +386,7 @@ def _way_on(source: Source) -> str:
 def _not_read(source: Source) -> str:
     """Describe the unknown encoding of a topic."""
     listed = ", ".join(encodings_of(source.type))
-    return f"is encoded as {source.encoding[:40]!r}, which is not read: {listed} are"
+    return f"is encoded as {source.encoding[:40]!r}; tfdb reads {listed}"
 
 
 def _joint_states(model: RobotModel, taken: Iterable[str]) -> JointStates:

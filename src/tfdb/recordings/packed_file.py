@@ -31,7 +31,7 @@ _INNER: dict[Kind, Callable[..., Container]] = {
 def _opener(file: Path) -> Callable[..., Container]:
     kind = kind_of(file)
     if kind not in _INNER:
-        raise RecordingError(file, "packed with zstd, but holds no recording")
+        raise RecordingError(file, "compressed with zstd, but not a recording")
     return _INNER[kind]
 
 

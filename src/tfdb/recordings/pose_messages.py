@@ -214,7 +214,7 @@ def _path(fields: _Fields) -> _Found:
         stamps.add(stamp)
         yield stamp or of_all, own or parent, "", fields.pose()
     if count > 1 and len(stamps) == 1:
-        raise InvalidStamp(f"a path of {count} poses with one stamp: a plan, and no motion")
+        raise InvalidStamp(f"a path of {count} poses with one stamp: a plan, not a motion")
 
 
 def _frame_transform(fields: _Fields) -> _Found:

@@ -97,7 +97,7 @@ def unpack(packing: str, packed: Packed, size: int) -> Packed:
         try:
             raw = reader.read(size + 1)
         except broken as error:
-            raise BadDataError(f"its {packing} does not unpack: {_words(error)}") from error
+            raise BadDataError(f"its {packing} data are damaged: {_words(error)}") from error
     if len(raw) != size:
         held = "more" if len(raw) > size else str(len(raw))
         raise BadDataError(f"a chunk that declares {size} bytes holds {held}")
@@ -146,12 +146,12 @@ def unpack_message(packed: bytes) -> bytes:
     try:
         raw: bytes = unpacker.decompress(packed, MAX_MESSAGE + 1)
     except zstd.ZstdError as error:
-        raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
+        raise BadDataError(f"its zstd data are damaged: {_words(error)}") from error
     if len(raw) > MAX_MESSAGE:
         del raw  # a stored error keeps the variables of its traceback alive
         raise BadDataError(f"a message unpacks to more than the limit of {MAX_MESSAGE} bytes")
     if not unpacker.eof or unpacker.unused_data:
-        raise BadDataError("its zstd does not unpack: it is not one whole frame")
+        raise BadDataError("its zstd data are damaged: they are not one complete frame")
     return raw
 
 
@@ -161,17 +161,18 @@ def unpack_file(path: Path, target: Path, *, salvage: bool = False) -> str:
     Returns the reason why a part is missing; empty if the file is complete. Raises `BadDataError`
     if it is not zstd, or grows beyond `MAX_CHUNK` and a hundred times its size.
     """
-    room = MAX_CHUNK + 100 * path.stat().st_size
+    room = most = MAX_CHUNK + 100 * path.stat().st_size
     with path.open("rb") as packed, target.open("wb") as out:
         reader, broken = _open("zstd", packed)
         try:
             while piece := reader.read(_PIECE):
                 room -= len(piece)
                 if room < 0:
-                    raise BadDataError(f"it grows beyond all measure: `zstd -d {path.name}` first")
+                    limit = f"it decompresses to more than {most:,} bytes"
+                    raise BadDataError(f"{limit}: run `zstd -d {path.name}` first")
                 out.write(piece)
         except broken as error:
-            reason = f"its zstd does not unpack: {_words(error)}"
+            reason = f"its zstd data are damaged: {_words(error)}"
             if not salvage or not out.tell():
                 raise BadDataError(reason) from error
             return reason
@@ -190,7 +191,7 @@ def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exc
     if packing == "zstd":
         zstd = _zstd()
         return zstd.ZstdFile(stream), (zstd.ZstdError, EOFError)
-    raise BadDataError(f"packed as {packing[:40]!r}, not bz2, lz4 or zstd")
+    raise BadDataError(f"compressed as {packing[:40]!r}, not with bz2, lz4 or zstd")
 
 
 def _zstd() -> Any:

@@ -247,7 +247,7 @@ def _unit(
         if unit != "s":
             asked = f"stamp_unit={unit!r} (--stamp-unit {unit})"
             name = UNITS[unit][1]
-            report.notes.append(f"stamps taken as {name}, by their size; {asked} says so")
+            report.notes.append(f"stamps taken as {name}, by their size; {asked} confirms it")
         shown = {number: text for number, (text, _) in zip(numbers, texts, strict=True)}
         return unit, _odd_units(unit, sizes, shown)
     line = next(number for number, size in sizes.items() if size >= usual)
