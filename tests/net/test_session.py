@@ -448,3 +448,24 @@ def listening() -> set[str]:
             if f"socket:[{parts[9]}]" in inodes and (table[:3] == "udp" or parts[3] == "0A"):
                 found.add(parts[1])
     return found
+
+
+def test_a_process_that_listens_connects_once_its_router_answers() -> None:
+    """A home that begins while the network is partitioned joins the others afterwards."""
+    here, there = free_endpoint(), free_endpoint()
+    told: list[str] = []
+    robot, copy = tfdb.Buffer(), tfdb.Buffer()
+    robot.set_static_transform("map", "base", *pose(1))
+    with (
+        tfdb.net.Session(listen=here, connect=there, on_wait=told.append) as session,
+        tfdb.net.publish(robot, NAME, session=session),
+        tfdb.net.Session(listen=there) as router,
+        tfdb.net.mirror(NAME, into=copy, session=router) as mirror,
+    ):
+        mirror.wait_until_live(LONGEST)
+        assert state_of(copy) == state_of(robot)
+        with pytest.raises(ConnectionError, match=f"cannot listen at {here}: another"):
+            tfdb.net.Session(listen=here, connect=free_endpoint(), on_wait=told.append)
+    assert told == [
+        f"no Zenoh router at {there} yet: this process listens, and connects once it answers"
+    ]

@@ -59,7 +59,8 @@ def command(
 
     NAME is the namespace of 'tfdb publish' on the other machine, the home. While the home is gone,
     and after the command ends, the store keeps its last state. A later run continues from there.
-    The command waits for a missing router, except with --listen.
+    The command waits for a missing router. With --listen it starts at once, and connects once the
+    router answers.
 
     Exit code: 0 after Ctrl-C, 1 if the home was then gone, 2 on an error, 130 after Ctrl-C during
     the wait for a router.

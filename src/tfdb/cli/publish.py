@@ -63,7 +63,8 @@ def command(
 
     This process becomes the home of the namespace NAME. 'tfdb mirror NAME' on another machine
     copies each commit. A FILE is a recording or a frozen store, which has one state. The command
-    waits for a missing router, except with --listen.
+    waits for a missing router. With --listen it starts at once, and connects once the router
+    answers.
 
     If a later home takes over, this command ends. The frames of STORE are then read-only, and 'tfdb
     mirror --into STORE' can copy the later home. If this user may only read STORE, it stays

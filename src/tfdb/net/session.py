@@ -49,16 +49,16 @@ class Session(Closable):
         with it. Unless it sets them, the mode is `client`, no port is opened, and scouting is off.
     wait
         Seconds to wait for a missing router. None: without limit. A process that listens does not
-        wait.
+        wait: it connects once a router of `connect` answers.
     on_wait
-        Function that is called once, at the start of the wait, with a text that names the router.
+        Function that is called once, if the router is missing, with a text that names it.
 
     Raises
     ------
     NotSupported
         PyPI's eclipse-zenoh is not installed.
     ConnectionError
-        No router answers, or the process cannot listen at an endpoint.
+        No router answers, and the process does not listen; or it cannot listen at an endpoint.
     InvalidArgument
         `config` together with `connect` or `listen`; an invalid `config`; an endpoint that is not
         PROTOCOL/HOST:PORT; a negative `wait`.
@@ -107,12 +107,19 @@ class Session(Closable):
                 zenoh_link.config_for("client", there, []),
                 zenoh_link.config_for("client", there, []),
             )
+        missing = ""
         until = -math.inf if zenoh_link.listeners(configs[0]) else time.monotonic() + seconds
         while True:
             try:
                 self._link: Link = zenoh_link.open_link(*configs, self._where)
+                if missing and on_wait is not None:
+                    on_wait(missing)
                 break
             except ConnectionError:
+                if routers := zenoh_link.connect_later(configs[0]):
+                    missing = f"no Zenoh router at {', '.join(routers)} yet: this process listens"
+                    missing += ", and connects once it answers"
+                    continue
                 left = until - time.monotonic()
                 if left <= 0:
                     raise

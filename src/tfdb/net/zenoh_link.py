@@ -57,8 +57,6 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
         if here := listeners(config):
             text = f"cannot listen at {', '.join(here)}: another program does, or this machine "
             text += "does not have the address"
-            if config.get_json("connect/endpoints") != "[]":
-                text += "; or what connect= (--connect) names does not answer"
         raise ConnectionError(text) from error
 
 
@@ -93,6 +91,19 @@ def listeners(config: zenoh.Config) -> list[str]:
     if isinstance(found, dict):
         found = found.get(json.loads(config.get_json("mode")), [])
     return list(found)
+
+
+def connect_later(config: zenoh.Config) -> list[str]:
+    """Let a configuration that listens open before it is connected; Zenoh tries again by itself.
+
+    Return the endpoints of the routers; none if the configuration stays as it was.
+    """
+    found: Any = json.loads(config.get_json("connect/endpoints"))
+    if not found or not listeners(config) or config.get_json("connect/timeout_ms") == "-1":
+        return []
+    _set(config, "connect/timeout_ms", -1)
+    _set(config, "connect/exit_on_failure", value=False)
+    return [str(each) for each in found]
 
 
 def _disable_listening(config: zenoh.Config) -> None:
