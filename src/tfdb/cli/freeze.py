@@ -44,9 +44,9 @@ def command(
     Example: tfdb freeze drive.mcap -o drive.tfdb
 
     tfdb.open and most commands, such as 'tfdb lookup', read OUT. Several FILEs are parts of one
-    recording. Of a shared store (shm:NAME) the newest state is written. To a live graph (ros1:,
-    ros2:) the command listens first. Keep the recording: other versions of tfdb and other kinds of
-    machines cannot read OUT.
+    recording. For a shared store (shm:NAME), OUT gets its newest state. For a live graph (ros1:,
+    ros2:), OUT gets the transforms that the command receives. Keep the recording: other versions of
+    tfdb and other kinds of machines cannot read OUT.
     """
     live = any(common.is_live(name) for name in files)
     inputs = () if live else common.find_paths(files)

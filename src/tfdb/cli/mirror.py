@@ -62,8 +62,8 @@ def command(
     The command waits for a missing router. With --listen it starts at once, and connects once the
     router answers.
 
-    Exit code: 0 after Ctrl-C, 1 if the home was then gone, 2 on an error, 130 after Ctrl-C during
-    the wait for a router.
+    Exit code: 0 after Ctrl-C, 1 if the home was gone at that time, 2 on an error. Ctrl-C during the
+    wait for a router gives 130.
     """
     from tfdb.net import Event, mirror  # noqa: PLC0415 - Zenoh is an extra
     from tfdb.net.link import check_network_name  # noqa: PLC0415 - as above

@@ -71,8 +71,8 @@ _KEPT = 60 * NS
 @click.option(
     "--foxglove",
     is_flag=True,
-    help="Serve the viewers Foxglove and Lichtblick instead of the page. Their port is 8765 unless "
-    "--port is given.",
+    help="Serve data to the viewers Foxglove and Lichtblick instead of the page. The port is then "
+    "8765 unless --port is given.",
 )
 @expect_option
 @node_option

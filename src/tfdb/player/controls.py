@@ -26,7 +26,7 @@ _NUMBERED: dict[str, Callable[[Player, float], None]] = {
     "skip": lambda player, value: player.seek_by(value),
 }
 CONTROLS: list[str] = [*_PLAIN, *(f"{each} X" for each in _NUMBERED)]
-"""All words; X stands for a number. docs/howto/play.md says what they do."""
+"""All controls; X stands for a number. docs/howto/play.md describes them."""
 KEYS: dict[str, str] = {
     " ": "pause",
     "\x1b[C": "step",
@@ -39,11 +39,11 @@ KEYS: dict[str, str] = {
     "q": "quit",
     **{str(digit): f"speed {digit}" for digit in range(1, 10)},
 }
-"""What each key stands for; arrow keys by the bytes that terminals send."""
+"""The control of each key; arrow keys are the bytes that terminals send."""
 
 
 def obey(player: Player, line: str) -> None:
-    """Do what a line says.
+    """Execute a line of controls.
 
     Raises
     ------

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from .tape import Part, Tape
 
 SOURCE = "tfdb play"
-"""The source of what is played, in `Buffer.positions()`."""
+"""The source name of played data in `Buffer.positions()`."""
 
-_LOOK = 0.02  # seconds between two checks for orders
+_LOOK = 0.02  # seconds between two checks for controls
 _REVERSE_RATE = 30  # steps per second
 _LAG = NS  # greatest delay of a player; beyond it, a clock set ahead is a jump
 _STEP = NS // 1000  # between two rounds, where the recording has one message
@@ -35,7 +35,7 @@ _TIMES = 1 << 16  # messages that a step back can reach
 _BATCH = 4096  # messages that a jump stores at once
 _TAKEN_OVER = "another player took over the store"
 _KEPT_EVERY = 1000
-"""Messages between two states that are kept for jumps."""
+"""Number of messages between two states that are kept for jumps."""
 _KEPT_BYTES = 1 << 28
 """Of all kept states: beyond, every other one is forgotten."""
 
@@ -43,14 +43,14 @@ _KEPT_BYTES = 1 << 28
 class Player:
     """Plays recordings into a store, at the pace of the store's clock.
 
-    The tape is stored in a private store, of which the other is a copy (`Buffer.apply`). So a
+    The tape is played into a private store, which is copied to the target (`Buffer.apply`). So each
     message is one commit. A jump is one commit as well: it replaces the played samples by the
-    history before the new time. Other writers' frames stay.
+    history before the new time. Frames of other writers stay.
 
-    The clock shows the time of reception. A process that sets it moves the player: it
-    pauses, changes its speed or jumps.
+    The clock shows the receive time. The player follows a process that sets the clock: it pauses,
+    changes its speed, or jumps.
 
-    Threads: one runs it; the other methods may be called from any.
+    Threads: one thread runs it; any thread may call the other methods.
     """
 
     def __init__(
@@ -99,12 +99,12 @@ class Player:
 
     @property
     def shift(self) -> int:
-        """Nanoseconds by which this round's stamps are later than recorded."""
+        """Nanoseconds that are added to the stamps in this round."""
         return self._tape.shift
 
     @property
     def position(self) -> int:
-        """When the message that was played last was received, nanoseconds."""
+        """Receive time of the last played message, nanoseconds."""
         return self._position
 
     # -- from any thread --------------------------------------------------------------------------
@@ -142,11 +142,11 @@ class Player:
         self._orders.put(self._step_back)
 
     def reverse(self) -> None:
-        """Play backwards, or no more."""
+        """Change between backward and forward."""
         self._orders.put(self._toggle_reverse)
 
     def stop(self) -> None:
-        """End `run`, behind what the player was told before."""
+        """End `run`, after the earlier controls."""
         self._orders.put(self._end)
 
     # -- of the thread that runs it ---------------------------------------------------------------
@@ -206,19 +206,19 @@ class Player:
         self._settings = self._clock._settings
 
     def _show(self) -> None:
-        """Replace what was played in the store by what is in the private one."""
+        """Replace the played samples in the store by those of the private one."""
         if self._applied is not None and self._applied not in self._store.positions():
             raise Fenced(_TAKEN_OVER)
         self._hold()
         self._applied = self._store.apply(self._held.state_bytes(), source=SOURCE)
 
     def _hold(self) -> None:
-        """Hold the newest state of the private store: the store is a copy of it."""
+        """Hold the newest state of the private store, which the store now equals."""
         self._held.close()
         self._held = self._played.snapshot()
 
     def _is_state_due(self, before: int, received: int) -> bool:
-        """Count a message; whether the state before it is to be kept for later jumps."""
+        """Count a message; return whether to keep the state before it for later jumps."""
         if before < self._states[-1][0]:
             return False
         self._since_kept += 1
@@ -232,7 +232,7 @@ class Player:
             self._every *= 2
 
     def _prepare(self) -> bool:
-        """Read up to the next message of which something is stored. False: there is none."""
+        """Read up to the next message with a stored transform. False: the tape has ended."""
         takes_no_time = self._tape.takes_no_time
         for part in self._parts:
             self._first = part.received if self._first is None else self._first
@@ -257,14 +257,14 @@ class Player:
         return (self._next or 0) + self.shift
 
     def _is_due(self) -> bool:
-        """Whether the clock shows the next message's time; waits a while for it."""
+        """Return whether the clock has reached the next message's time; wait briefly for it."""
         if not self._has_clock:
             return True
         patience = _LOOK if self._reversed is None else 1 / _REVERSE_RATE
         return self._clock._sleep_unless_set(self._due, patience, self._settings)
 
     def _rests(self) -> bool:
-        """Whether it is paused at the end: it may be told to go back. Waits a while for that."""
+        """Return whether it is paused at the end; wait briefly for a control that goes back."""
         if not (self._has_clock and self._clock.paused):
             return False
         self._clock._sleep_unless_set(MAX_STAMP, _LOOK, self._settings)
@@ -284,7 +284,7 @@ class Player:
         self._next = None
 
     def _begin_round(self) -> None:
-        """Go back to the first message; shift the stamps from now on, unless they are kept."""
+        """Return to the first message; shift the later stamps, unless they are kept."""
         first = self._first or 0
         if self._keeps_stamps:
             self._jump_to(first)
@@ -304,7 +304,7 @@ class Player:
                 self._orders.get_nowait()()
 
     def _follow_clock(self) -> None:
-        """Go where the clock was set to."""
+        """Jump to the time of a clock that was set."""
         settings = self._clock._settings
         if settings == self._settings:
             if self._reversed is not None:
@@ -322,7 +322,7 @@ class Player:
         self._has_ended = True
 
     def _jump_to(self, at: int) -> None:
-        """Jump, at most to the first message. At no moment has the store a stamp of the future."""
+        """Jump, not before the first message. The store never has a stamp after the clock."""
         at = min(max(at, self._first or 0), MAX_STAMP - self.shift)
         shown = at + self.shift
         if self._has_clock and shown > self._clock.now():
@@ -331,7 +331,7 @@ class Player:
         self._set_clock(shown)
 
     def _move_to(self, at: int) -> None:
-        """Let the store hold what the recording had at a time of reception."""
+        """Fill the store with the data that were received until a time."""
         if self._position <= at < (self._next or at):
             return
         received, state = self._state_at(at)
@@ -363,7 +363,7 @@ class Player:
         self._next = None
 
     def _state_at(self, at: int) -> tuple[int, bytes]:
-        """Return the last kept state at or before a time of reception."""
+        """Return the last kept state at or before a receive time."""
         place = bisect_right(self._states, at, key=lambda kept: kept[0]) - 1
         return self._states[max(place, 0)]
 
@@ -384,7 +384,7 @@ class Player:
         self._jump_to(-1 if last is None else self._time_below(last) or -1)
 
     def _time_below(self, limit: int) -> int | None:
-        """When the last message before a time was received. None: there is none."""
+        """Return the receive time of the last message before a time; None without one."""
         times = list(self._times)
         place = bisect_left(times, limit) - 1
         if place >= 0:
@@ -414,5 +414,5 @@ class Player:
 
 
 def _nanoseconds(seconds: float) -> int:
-    """Return nanoseconds, at most as many as there are stamps."""
+    """Convert seconds to nanoseconds, limited to the range of stamps."""
     return round(min(max(seconds * NS, -MAX_STAMP), MAX_STAMP))

@@ -1,4 +1,4 @@
-"""What is played: the messages of recordings, or the commits that a recorder wrote."""
+"""Tapes for the player: the messages of recordings, or the commits of a recorder."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _RECORDED = "recorded"
 
 
 class Part(NamedTuple):
-    """A message or a commit, and when it was received (nanoseconds)."""
+    """A message or a commit, and its receive time (nanoseconds)."""
 
     received: int
     data: bytes
@@ -33,7 +33,7 @@ class Part(NamedTuple):
 
 
 class Tape(ABC):
-    """The parts of recordings in the order of reception, and the store that they make.
+    """The parts of recordings, sorted by receive time, and the store that they fill.
 
     Threads: one.
     """
@@ -41,15 +41,15 @@ class Tape(ABC):
     shifts: bool = True
     """Whether `shift` may be set."""
     shift: int = 0
-    """Nanoseconds that are added to the stamps of what is stored from now on."""
+    """Nanoseconds to add to the stamps of later parts."""
 
     @abstractmethod
     def begin(self, history: float | None) -> Buffer:
-        """Return a store as it is before the first part."""
+        """Return the store before the first part."""
 
     @abstractmethod
     def parts(self, received: int, state: bytes) -> Iterator[Part]:
-        """Read what follows a state: that was received later. The state is from `keep`."""
+        """Read the parts that were received after a state of `keep`."""
 
     @abstractmethod
     def store(self, parts: Sequence[Part], store: Buffer, tally: Tally | None) -> None:
@@ -57,15 +57,15 @@ class Tape(ABC):
 
     @abstractmethod
     def keep(self, store: Buffer) -> bytes:
-        """Return the newest state of a store, from which `restore` goes on."""
+        """Return the newest state of a store, for `restore`."""
 
     @abstractmethod
     def restore(self, state: bytes, history: float | None) -> Buffer:
-        """Return a store with a state that was kept."""
+        """Return a store with a kept state."""
 
     @property
     def takes_no_time(self) -> bool:
-        """Whether the next part comes before the part that was asked for: it takes no time."""
+        """Return whether the next part is before the selected time, and so is played at once."""
         return False
 
 
@@ -91,11 +91,11 @@ class MessageTape(Tape):
 
     @property
     def takes_no_time(self) -> bool:
-        """See `Tape`. What comes before `--start` takes none."""
+        """See `Tape`. Messages before `--start` are played at once."""
         return self._rewriter.window[0] is not None and not self._rewriter.moving
 
     def begin(self, history: float | None) -> Buffer:
-        """See `Tape`. The fixed joints of a robot model are there."""
+        """See `Tape`. The store has the fixed joints of a robot model."""
         made = Buffer(history)
         if fixed := self._rewriter.fixed_joints():
             made.set_transforms(fixed, static=True, authority=self._rewriter.model_name)
@@ -174,7 +174,7 @@ class CommitTape(Tape):
 
 
 def tape_of(recordings: OpenRecordings) -> tuple[Tape, Rewriter]:
-    """Return the tape of recordings: of commits, if all are wanted of one recorded store.
+    """Return the tape of recordings; of commits, if all data of one recorded store are selected.
 
     Raises as `OpenRecordings.rewriter`: messages of several files must agree.
     """

@@ -9,17 +9,17 @@ from tfdb.data.errors import NotSupported
 from tfdb.recordings.tf_definition import ROS2_TEXT
 
 Messages: TypeAlias = "tuple[int, bytes | None, bytes | None, bytes | None]"
-"""Of one commit, or of a state: its number, and what `messages_of_commits` makes of it."""
+"""A commit or state: its number, and its messages from `messages_of_commits`."""
 
 TF = "/tf"
 TF_STATIC = "/tf_static"
 COMMITS = "/tfdb/commits"
 SEQUENCES = 1 << 32
-"""A message has the number of its commit, without the higher bits."""
+"""A message's sequence number is the number of its commit modulo this."""
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", ROS2_TEXT)
 _RULE = "=" * 80
-# A type that every reader of ROS 2 knows: tools that copy or play all topics take these along.
+# A standard ROS 2 type, so that tools that copy or play all topics include these.
 BYTES = (
     "std_msgs/msg/UInt8MultiArray",
     f"""\

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class ChosenNames:
-    """Tells of each frame what is recorded of it, for `messages_of_commits`. Threads: one."""
+    """Selects and renames the frames of `messages_of_commits`. Threads: one."""
 
     def __init__(
         self,
@@ -26,7 +26,7 @@ class ChosenNames:
         self.is_all: bool = self._choice.is_idle
 
     def __call__(self, frame: str) -> tuple[str, bool]:
-        """Return the new name, and whether the edge to its parent is kept."""
+        """Return the new name of a frame, and whether the edge to its parent is recorded."""
         if frame not in self._found:
             kept = self._choice.frames
             is_kept = (kept is None or frame in kept) and not self._rules.excludes_frame(frame)
@@ -34,7 +34,7 @@ class ChosenNames:
         return self._found[frame]
 
     def unseen(self) -> list[str]:
-        """Return the names in the options that no frame had."""
+        """Return the names in the options that matched no frame."""
         choice = self._choice
         left = {*(choice.frames or ()), *choice.rename} - self._found.keys()
         return sorted(left | set(choice.exclude) - self._rules.used)

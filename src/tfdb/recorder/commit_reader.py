@@ -40,31 +40,31 @@ class RecordedCommit(NamedTuple):
     """One commit of a recorded store, or its state, as bytes for `Buffer.apply`."""
 
     time: int
-    """When the recorder read it, nanoseconds."""
+    """The time at which the recorder read it, nanoseconds."""
     commit: int
-    """Its number in the store that was recorded."""
+    """Its number in the recorded store."""
     is_state: bool
-    """Whether it is a state: the first one always is."""
+    """Whether it is a state; the first one always is."""
     data: bytes
 
 
 def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[RecordedCommit]:
-    """Read the commits of what a `Recorder` wrote, in their order.
+    """Read the commits of a `Recorder`'s files, in order.
 
-    A store that applies all of them is equal to the one that was recorded, with clears, removals
-    and authorities. Samples from before the recording are missing, but for the newest of each edge.
+    A store that applies all of them equals the recorded one, with clears, removals and authorities.
+    Of the samples before the recording, only the newest of each edge is included.
 
     Parameters
     ----------
     path
         A file, or the files of one recording.
     salvage
-        Read files that were cut short or damaged, each up to there.
+        Read cut or damaged files, each up to the damage.
 
     Raises
     ------
     RecordingError
-        A file is damaged, cut short, or none of a `Recorder`. Fields: path, reason.
+        A file is damaged, cut short, or not written by a `Recorder`. Fields: path, reason.
     NotSupported
         PyPI's mcap is not installed.
     OSError
@@ -75,7 +75,7 @@ def recorded_commits(path: Paths, *, salvage: bool = False) -> Iterator[Recorded
 
 
 class RecordedFiles:
-    """Recorded files, to be read from any commit on. Threads: one.
+    """Recorded files, which can be read from any commit on. Threads: one.
 
     Raises as `recorded_commits`.
     """
@@ -83,12 +83,12 @@ class RecordedFiles:
     def __init__(self, paths: Sequence[Path]) -> None:
         heads = [_head(path) for path in paths]
         self.stores: int = len({head.epoch for head in heads})
-        """How many stores they are of. Only the commits of one can be read."""
+        """Number of recorded stores. Only the commits of a single store can be read."""
         self._paths = _in_order(heads)
         self._indexes: dict[Path, _Index | None] = {}
 
     def commits(self, since: int, after: bytes) -> Iterator[RecordedCommit]:
-        """Read the commits behind that of `after`, which was recorded at `since` (ns).
+        """Read the commits after the commit `after`, which was recorded at `since` (ns).
 
         Raises as `recorded_commits`.
         """
@@ -113,7 +113,7 @@ def _commits_of(paths: list[Path], *, salvage: bool) -> Iterator[RecordedCommit]
 
 
 class _Head(NamedTuple):
-    """With what a file begins."""
+    """The beginning of a file."""
 
     path: Path
     epoch: bytes
@@ -128,22 +128,22 @@ def _head(path: Path, *, salvage: bool = False) -> _Head:
 
 
 def _in_order(heads: Sequence[_Head]) -> list[Path]:
-    """Sort the files of each store by the commit with which they begin."""
+    """Sort the files of each store by their first commit."""
     stores = [head.epoch for head in heads]
     ordered = sorted(heads, key=lambda head: (stores.index(head.epoch), head.commit))
     return [head.path for head in ordered]
 
 
 class _Index(NamedTuple):
-    """Where the messages of a file lie."""
+    """The positions of a file's messages."""
 
     topics: dict[int, str]
-    """Those that tfdb knows, by channel."""
+    """tfdb's own topics, by channel."""
     chunks: Sequence[ChunkIndex]
-    """In the file's order."""
+    """In file order."""
 
     def messages(self, file: BinaryIO, since: int) -> Iterator[tuple[str, Message]]:
-        """Read from the chunk on that has the first message of that time, or a later one."""
+        """Read from the chunk on that has the first message at or after a time."""
         from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - mcap is an extra
         from mcap.records import Chunk, Message  # noqa: PLC0415
         from mcap.stream_reader import breakup_chunk  # noqa: PLC0415
@@ -157,7 +157,7 @@ class _Index(NamedTuple):
 
 
 def _index_of(path: Path) -> _Index | None:
-    """Read the index at a file's end. None: it has none that is whole."""
+    """Read the index at the end of a file; None if it is missing or damaged."""
     from mcap.exceptions import McapError  # noqa: PLC0415 - mcap is an extra
     from mcap.reader import SeekingReader  # noqa: PLC0415
 
@@ -178,7 +178,7 @@ def _index_of(path: Path) -> _Index | None:
 def _messages(
     path: Path, *, salvage: bool = False, index: _Index | None = None, since: int = 0
 ) -> Generator[tuple[str, Message], None, None]:
-    """Topic and message of all that tfdb knows, in the file's order; with an index, since then."""
+    """Yield topic and message of tfdb's topics, in file order; with an index, from `since` on."""
     try:
         from mcap.exceptions import EndOfFile  # noqa: PLC0415 - mcap is an extra
         from mcap.reader import NonSeekingReader  # noqa: PLC0415
@@ -212,18 +212,18 @@ def _messages(
 
 
 class _Reader:
-    """Makes commits of messages. Threads: one."""
+    """Makes commits from messages. Threads: one."""
 
     def __init__(self, after: bytes) -> None:
         self._epoch, self._commit = b"", -1
         if after:
             self._epoch, (_, self._commit) = epoch_of(after), numbers_of(after)
-        # Of the commit that is being read.
+        # The commit that is being read.
         self._time = self._next = -1
         self._parts: dict[str, bytes] = {}
 
     def take(self, topic: str, message: Message) -> Iterator[RecordedCommit]:
-        """Take a message; yields a commit that is complete."""
+        """Add a message; yield the commit that it completes."""
         time, data = message.log_time, message.data
         if topic in (STATE, COMMITS):
             yield from self.end()

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from .channels import Messages
 
 _CHUNK = 1 << 20
-"""A chunk ends with the first commit beyond so many bytes: no commit is in two chunks."""
+"""A chunk ends with the first commit that makes it larger: no commit is in two chunks."""
 _NEVER = 1 << 62
 _TAKEN = "exists already: give another name, or remove it"
 
 
 class _Disk:
-    """The file, without a buffer: after an error it is known what is in it.
+    """The unbuffered file: after an error, its content is known.
 
     Threads: one.
     """
@@ -51,7 +51,7 @@ class _Disk:
         return self.size
 
     def flush(self) -> None:
-        """Do nothing: what is written is with the system."""
+        """Do nothing: the system has all written data."""
 
     def sync(self) -> None:
         os.fsync(self._descriptor)
@@ -71,20 +71,20 @@ class _Disk:
 class McapFile:
     """Threads: one. Raises `OSError`; afterwards it can only be abandoned.
 
-    Raises `RecordingError` where a file has the name, or that with `.part`.
+    Raises `RecordingError` if a file of this name, or of the name with `.part`, exists.
     """
 
     def __init__(self, path: Path, folder: Path, *, sync: bool) -> None:
         self.path: Path = path
         self.part: Path = path.with_name(path.name + ".part")
-        # The process may change its folder.
+        # The process may change its working directory.
         self._places = folder / path.name, folder / self.part.name
         for each in self._places:
             refuse_existing(each, refusal=RecordingError, hint=_TAKEN)
         self._sync = sync
         self._flushed = 0
         self.pending: int = 0
-        """Bytes of messages that are not flushed."""
+        """Size of the messages that are not flushed, in bytes."""
         self.begun: int | None = None
         """The time of the first message, nanoseconds."""
         with errors_name(self.part):
@@ -114,7 +114,7 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Bytes of the file that are flushed."""
+        """Size of the flushed part of the file, in bytes."""
         return self._flushed
 
     def write(self, time: int, messages: Messages, *, is_state: bool = False) -> None:
@@ -124,7 +124,7 @@ class McapFile:
         if self.begun is None:
             self.begun = time
         if whole is not None:
-            # It comes first: a reader of it leaves out the TFMessages of the same commit.
+            # It comes first: its readers skip the TFMessages of the same commit.
             if is_state and self._state < 0:
                 store = epoch_of(whole).hex()
                 self._state = self._channel(STATE, self._others, is_static=True, store=store)
@@ -142,14 +142,14 @@ class McapFile:
         self.pending += len(data)
 
     def write_lost(self, commits: int, last: int, time: int) -> None:
-        """Write that so many commits up to `last` are not in the file."""
+        """Write that a number of commits up to `last` are not in the file."""
         self.flush()
         about = {"commits": commits, "last_commit": last, "time_ns": time}
         with errors_name(self.part):
             self._writer.add_metadata(LOST, {key: str(value) for key, value in about.items()})
 
     def flush(self) -> None:
-        """End the chunk, and hand it to the system; with `sync`, bring it to the disk."""
+        """End the chunk, and pass it to the system; with `sync`, sync it to the disk."""
         with errors_name(self.part):
             self._writer.flush()
             if self._sync:
@@ -174,7 +174,7 @@ class McapFile:
             bring_to_disk(whole.parent)
 
     def abandon(self) -> None:
-        """Keep what is flushed under the name with `.part`, after an error."""
+        """Keep the flushed part under the name with `.part`, after an error."""
         if self._disk.is_open:
             with suppress(OSError):  # a reader leaves out what was not flushed
                 self._disk.cut(self._flushed)

@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from .mcap_file import McapFile
 
 _READ = 1 << 20
-"""So many bytes of commits are read at once."""
+"""Bytes of commits that are read at once."""
 _REST = 0.002
-"""Seconds between two looks at a busy store: the times of messages are as exact."""
+"""Seconds between two reads of a busy store, and so the accuracy of the messages' times."""
 _LOOK = 1.0
-"""Seconds between two looks at an idle store: a snapshot is not held for longer."""
+"""Seconds between two reads of an idle store, and so the longest hold of a snapshot."""
 
 
 class _Item(NamedTuple):
@@ -58,53 +58,53 @@ class _Item(NamedTuple):
     size: int
     is_state: bool = False
     lost: int = 0
-    """Number of commits before a state that were not recorded."""
+    """Number of commits before a state that were lost."""
 
 
 class Recorder(Closable):
     """Records the commits of a buffer into an MCAP file, until it is closed.
 
-    Use it in a `with` block, or call `close`. Each commit is one TFMessage on `/tf`, or one on each
-    of `/tf` and `/tf_static`; the lower 32 bits of its number are the messages' `sequence`. Commits
-    that TFMessages cannot say in full are also on `/tfdb/commits`. The newest state begins the
-    file, so commits that the buffer makes after the constructor has returned are recorded.
-    `recorded_commits` reads all back; every reader of MCAP reads `/tf` and `/tf_static`.
+    Use it in a `with` block, or call `close`. Each commit becomes one TFMessage on `/tf`, or one on
+    each of `/tf` and `/tf_static`; the messages' `sequence` is the lower 32 bits of its number.
+    Commits that TFMessages cannot express completely are also on `/tfdb/commits`. The file begins
+    with the newest state; all commits after the constructor are recorded. `recorded_commits` reads
+    all commits; every reader of MCAP reads `/tf` and `/tf_static`.
 
-    The file grows under its name with `.part`. What was flushed can be read when the process is
-    killed, or the disk is full: by `salvage=True` (`--salvage`).
+    The file has the extension `.part` until it is complete. If the process is killed or the disk is
+    full, `salvage=True` (`--salvage`) reads the flushed part.
 
     Parameters
     ----------
     buffer
-        The store, also one that other processes share.
+        The store, which may be shared.
     path
-        A name that ends in `.mcap`. It and its name with `.part` must be free.
+        A name that ends in `.mcap`. No file of this name, or of the name with `.part`, may exist.
     frames
         Record only the edges from these frames to their parents.
     exclude
-        Leave out the edges from these frames to their parents; * and ? as in a shell. They may be
-        parents of others.
+        Leave out the edges from these frames to their parents; * and ? work as in a shell. The
+        frames may still be parents of other frames.
     rename
         New names of frames.
     flush
-        Seconds until commits are handed to the system.
+        Seconds until commits are written to the file; they then survive a kill of the process.
     sync
-        Bring them to the disk then, so that they outlive a loss of power.
+        Also sync the file to the disk, so that they survive a power cut.
     split_size, split_time
-        Go on in another file beyond so many bytes, or seconds. The files are then called
-        `NAME_0.mcap`, `NAME_1.mcap` and so on, and each begins with the newest state.
+        Start a new file beyond this many bytes or seconds. The files are then called `NAME_0.mcap`,
+        `NAME_1.mcap` and so on, and each begins with the newest state.
     queue
-        Bytes that wait for the disk at most. Commits that find no room are lost: `lost` counts
-        them, the file says where, and a TfdbWarning comes at the end.
+        Largest number of bytes that wait for a slow disk. Commits beyond it are lost: `lost` counts
+        them, the file records their position, and a TfdbWarning follows at the end.
 
     Raises
     ------
     RecordingError
-        Another ending, or a file has the name.
+        The extension is not `.mcap`, or the file exists.
     NotSupported
         PyPI's mcap is not installed, or the buffer's engine keeps no feed.
     InvalidArgument, TypeError
-        A value that a parameter does not take.
+        A parameter is invalid.
     OSError
         The file cannot be written.
     """
@@ -191,22 +191,22 @@ class Recorder(Closable):
 
     @property
     def size(self) -> int:
-        """Bytes of all files that are flushed."""
+        """Size of the flushed part of all files, in bytes."""
         last = 0 if self._file.path in self._files else self._file.size
         return sum(self._sizes) + last
 
     @property
     def ended(self) -> bool:
-        """Whether it records no more: it was closed, or an error ended it, which `close` raises."""
+        """Whether the recording has ended: by `close`, or by an error, which `close` raises."""
         return self._ended.is_set()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it records no more, as `ended` says; False: it still does after `timeout`."""
+        """Wait until the recording has ended (`ended`); False at the timeout."""
         left = None if timeout is None else duration_to_nanoseconds(timeout, "timeout") / 1e9
         return self._ended.wait(left)
 
     def flush(self) -> int:
-        """Wait until all commits that were made before are flushed. Returns the last of them.
+        """Wait until all earlier commits are flushed. Returns the last of them.
 
         Raises the error that ended the recording, and RecordingError after its end.
         """
@@ -222,8 +222,8 @@ class Recorder(Closable):
     def close(self) -> None:
         """Record all earlier commits, and end the file.
 
-        Raises the error that ended the recording: of the disk, OSError; what the buffer raised.
-        What was read until then is in the file.
+        Raises the error that ended the recording: OSError of the disk, or an error of the buffer.
+        The file has all commits up to the error.
         """
         if os.getpid() != self._process:
             return  # a child of `fork` records nothing
@@ -278,7 +278,7 @@ class Recorder(Closable):
             self._fail(error)
 
     def _read_to(self, taken: Snapshot) -> None:
-        """Queue the commits up to that of a snapshot, and hold it instead of the one before."""
+        """Queue the commits up to a snapshot, and hold it in place of the previous one."""
         try:
             while self._position < taken.commit and not self._ended.is_set():
                 data = self._buffer.commits_bytes(
@@ -313,7 +313,7 @@ class Recorder(Closable):
         self._put(state)
 
     def _state(self, lost: int) -> _Item:
-        """Make the state of the snapshot that is held."""
+        """Make the state of the held snapshot."""
         item = self._item(self._held.state_bytes(newest=1))
         return item._replace(is_state=True, lost=lost)
 
@@ -337,7 +337,7 @@ class Recorder(Closable):
             self._changed.notify_all()
 
     def _take(self, until: float) -> tuple[bool, _Item | None]:
-        """Return whether something came, and that."""
+        """Return whether an item came, and the item."""
         left = None if until == math.inf else max(until - time.monotonic(), 0)
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._is_awaited(), left)
@@ -385,7 +385,7 @@ class Recorder(Closable):
         self._flushed = self._last
 
     def _is_awaited(self) -> bool:
-        """Whether `flush` waits for the disk."""
+        """Return whether `flush` waits for the disk."""
         return self._flushed < self._awaited <= self._last
 
     def _record(self, item: _Item) -> None:

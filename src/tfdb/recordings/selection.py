@@ -125,7 +125,7 @@ class Selection:
         default=None, metadata=_option("TIME", "Read no moving transform after this time.")
     )
     keep: float | None = field(
-        default=None, metadata=_option("SECONDS", "Read only the last SECONDS seconds.")
+        default=None, metadata=_option("SECONDS", "Read only the last part of this length.")
     )
     frames: str | Iterable[str] | None = field(
         default=None,
