@@ -157,7 +157,7 @@ def test_a_promoted_mirror_and_the_old_home_in_a_cut_network() -> None:
         old.heal()  # type: ignore[attr-defined]
         event = wait_for(home.events(), "fenced")
         assert event.before == (home.epoch, fork)
-        assert f"the commits after {fork} are in this store alone" in event.text
+        assert f"only this store has the commits after {fork}" in event.text
         assert event.after == (home.epoch, fork + 5)
         assert home.state == "fenced"
         assert [each.commit for each in source.changes(fork)][:5] == list(range(fork + 1, fork + 6))
@@ -189,7 +189,7 @@ def test_the_store_of_a_fenced_home_is_read_only_and_then_a_mirror(
     later = Home(spare, NAME, links(), epoch, origin=take_over(spare, NAME, epoch))
     event = wait_for(home.events(), "fenced")
     assert (event.before, event.after) == ((home.epoch, 1), (home.epoch, 2))
-    assert "the commits after 1 are in this store alone" in event.text
+    assert "only this store has the commits after 1" in event.text
     assert f"{lost} has them. Its frames are read-only" in event.text
     for frame in ("base", "alone"):
         with pytest.raises(tfdb.errors.ReadOnly, match=f"comes from source '{NAME}'"):
@@ -224,7 +224,7 @@ def test_a_home_hears_the_latest_of_two_later_homes(links: Links, tmp_path: Path
     with Home(spare, NAME, link, epoch, origin=take_over(spare, NAME, epoch)):
         event = wait_for(home.events(), "fenced")
         assert (event.before, event.after) == ((home.epoch, 1), (home.epoch, 2))
-        assert f"a later home is there, or was ({epoch.number})" in event.text
+        assert f"a later home exists or existed (epoch {epoch.number})" in event.text
         assert f"{lost} has them. Its frames are read-only" in event.text
         token.undeclare()
         home.close()
@@ -265,7 +265,7 @@ def test_a_home_keeps_its_state_if_lost_commits_are_gone(links: Links, tmp_path:
     with Home(spare, NAME, links(), epoch, origin=take_over(spare, NAME, epoch)):
         event = wait_for(home.events(), "fenced")
     assert event.before == (home.epoch, 1)
-    assert f"{lost} has the whole state, since not all of them are kept any more" in event.text
+    assert f"{lost} has the whole state, because not all of them are kept any more" in event.text
     copy = tfdb.Buffer()
     copy.apply(lost.read_bytes())
     assert state_of(copy) == beyond

@@ -88,9 +88,9 @@ HEADER = encode_header(GOOD)
 @pytest.mark.parametrize(
     ("sent", "said"),
     [
-        ([b"HTTP/1.1 400 Bad Request\r\n\r\n"], "a frame claims 1347703880 bytes"),
+        ([b"HTTP/1.1 400 Bad Request\r\n\r\n"], "a frame has 1347703880 bytes"),
         ([frame(b"\x09\0\0\0abc")], "claims 9 bytes"),
-        ([HEADER, b"\xff\xff\xff\xff"], "claims 4294967295 bytes, and at most 268435456"),
+        ([HEADER, b"\xff\xff\xff\xff"], "has 4294967295 bytes; at most 268435456"),
         ([encode_header({**GOOD, "md5sum": "0" * 32})], "of md5sum 0000"),
         ([encode_header({"error": "go away"})], "the publisher refuses: go away"),
         ([], "before its header"),
@@ -242,7 +242,7 @@ def test_a_subscriber_that_does_not_read_blocks_no_other_and_misses_the_oldest(
         for number, message in enumerate(messages):
             publisher.publish(message)
             assert heard.wait(number + 1)[number] == message
-        assert "/slow takes messages too slowly" in caplog.text
+        assert "/slow receives messages too slowly" in caplog.text
     assert caplog.text.count("too slowly") == 1
 
 

@@ -46,7 +46,7 @@ def test_one_byte_at_a_time() -> None:
 
 def test_a_length_beyond_the_limit_is_refused_before_it_is_received() -> None:
     with pytest.raises(
-        tfdb.errors.CorruptMessage, match="4294967295 bytes, and at most 1000"
+        tfdb.errors.CorruptMessage, match="4294967295 bytes; at most 1000"
     ) as caught:
         receive([frame(b"good"), b"\xff\xff\xff\xff"])
     assert caught.value.limit == 1000
@@ -110,7 +110,7 @@ def test_a_header_is_received_and_nothing_after_it() -> None:
         with pytest.raises(TimeoutError):
             receive_header(ours, 0.01)
         theirs.sendall(b"\xff\xff\xff\xff")
-        with pytest.raises(tfdb.errors.CorruptMessage, match="at most 1048576 are taken"):
+        with pytest.raises(tfdb.errors.CorruptMessage, match="at most 1048576 are allowed"):
             receive_header(ours, 5.0)
         theirs.close()
         with pytest.raises(ConnectionError, match="before its header"):

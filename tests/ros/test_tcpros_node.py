@@ -252,7 +252,7 @@ def test_a_second_node_of_the_name_closes_the_first(
         second.subscribe("tf", TF, Heard())
         assert node.wait_closed(SECONDS)
         with pytest.raises(
-            tfdb.errors.NodeClosed, match=r"/ours is closed: it was told to end: .*new node"
+            tfdb.errors.NodeClosed, match=r"/ours is closed: it was ended by a request: .*new node"
         ):
             node.subscribe("tf", TF, Heard())
         with pytest.raises(tfdb.errors.NodeClosed):

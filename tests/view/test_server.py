@@ -491,7 +491,7 @@ def test_thirty_two_viewers_are_served_and_no_more(buf: tfdb.Buffer, served: Ser
         with pytest.raises(InvalidStatus) as refused, served.connect():
             pass
         assert refused.value.response.status_code == 503
-        assert b"32 viewers are there already" in (refused.value.response.body or b"")
+        assert b"32 viewers are already connected" in (refused.value.response.body or b"")
         buf.set_transform("base", "arm", T0 + 3 * S, (0, 7, 0), TURN)
         assert {viewer.until_poses().kind for viewer in viewers} == {1}
 

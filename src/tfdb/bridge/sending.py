@@ -132,7 +132,9 @@ class CommitSender:
         next_one = self._position if error.commit is None else error.commit
         lost = next_one - self._position
         if not self.missed:
-            LOGGER.warning("%d commits were not sent: they came faster than they are read", lost)
+            LOGGER.warning(
+                "%d commits were not sent: they came faster than the bridge read them", lost
+            )
         self.missed += lost
         self._position = next_one
         self._is_due = self._is_forced = True

@@ -29,24 +29,27 @@ if TYPE_CHECKING:
 # kind -> (severity, what it means); the documentation lists the same.
 KINDS = {
     "refused": ("error", "transforms or messages that the store refuses"),
-    "two-clocks": ("error", "stamps of two clocks, as of a simulation and of the day"),
-    "time-jump": ("error", "stamps that jump against the time of arrival"),
-    "mixed-sources": ("error", "one edge stated differently by several groups of topics or files"),
+    "two-clocks": ("error", "stamps of two clocks, such as a simulated and a real one"),
+    "time-jump": ("error", "stamps that jump relative to the time of arrival"),
+    "mixed-sources": (
+        "error",
+        "different transforms of one edge in several groups of topics or files",
+    ),
     "two-publishers": ("error", "one edge written by several publishers"),
-    "there-and-back": ("error", "poses that jump there and back, as of two publishers in turns"),
+    "there-and-back": ("error", "poses that alternate between two places, as of two publishers"),
     "pose-jump": ("error", "poses that jump further than anything moves"),
     "static-and-moving": ("error", "one edge written as static and as moving"),
     "disconnected": ("error", "more than one tree"),
-    "lost": ("error", "what --salvage could not save of a damaged file"),
+    "lost": ("error", "data of a damaged file that --salvage could not read"),
     "container": ("warning", "files that a recorder did not finish, or that were renamed"),
     "no-time": ("warning", "transforms without a timestamp"),
     "leading-slash": ("warning", "a frame that is written with and without a leading slash"),
-    "ahead": ("warning", "stamps that lie ahead of the time of arrival"),
-    "quaternion": ("warning", "quaternions that are not of unit length"),
+    "ahead": ("warning", "stamps later than the time of arrival"),
+    "quaternion": ("warning", "quaternions without unit length"),
     "reparented": ("warning", "a frame whose parent changes"),
-    "repeated": ("warning", "the same stamp again with another pose"),
+    "repeated": ("warning", "several poses of one edge at one stamp"),
     "late": ("warning", "samples older than the newest one of their edge"),
-    "gap": ("warning", "holes in an edge's samples"),
+    "gap": ("warning", "gaps in the samples of an edge"),
     "coverage": ("warning", "an edge that starts late or stops early"),
     "static-revised": ("warning", "a static edge whose pose changes"),
 }
@@ -257,7 +260,7 @@ def leading_slashes(frames: Sequence[str]) -> list[Finding]:
         Finding(
             "leading-slash",
             (name,),
-            f"written as {name!r} and as {'/' + name!r}: taken for one here, refused by tf2",
+            f"written as {name!r} and as {'/' + name!r}: one frame in tfdb; tf2 refuses the slash",
         )
         for name in sorted(frames)
     ]
@@ -268,7 +271,7 @@ def disconnected(roots: Sequence[tuple[str, int]]) -> list[Finding]:
     if len(roots) < 2:
         return []
     listed = ", ".join(f"{name} ({count} frame{'s'[: count != 1]})" for name, count in roots)
-    message = f"{len(roots)} trees that nothing connects, with the roots {listed}"
+    message = f"{len(roots)} trees without a connection, with the roots {listed}"
     return [Finding("disconnected", tuple(name for name, _ in roots), message, count=len(roots))]
 
 
@@ -439,7 +442,7 @@ def _repeated(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
     if other.any():
         count = int(other.sum())
         stamp = int(edge.stamps[order[int(np.flatnonzero(other)[0])]])
-        message = f"{_count(count, 'sample')} with a stamp that was there with another pose"
+        message = f"{_count(count, 'sample')} with the stamp of an earlier sample, but another pose"
         yield Finding("repeated", (edge.name,), message, stamp, count)
 
 
@@ -480,7 +483,7 @@ def _turns(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
     far = f"{np.degrees(turns.furthest):.3g} deg" if turns.is_angle else f"{turns.furthest:,.4g} m"
     message = (
         f"{_count(count, 'pose')} out of {len(edge.stamps):,} jump there and back, by up to {far}: "
-        "perhaps two publishers in turns"
+        "perhaps two publishers alternate"
     )
     stamp = int(part.stamps[turns.rows[0]])
     yield Finding("there-and-back", (edge.name,), message, stamp, count)
@@ -500,7 +503,7 @@ def _ahead(edges: Sequence[Edge]) -> Iterator[Finding]:
     most = max(usual for usual, _, _ in found)
     count = sum(samples for _, samples, _ in found)
     message = (
-        f"{_count(count, 'sample')} of {_count(len(found), 'edge')} stamped ahead of the time of "
+        f"{_count(count, 'sample')} of {_count(len(found), 'edge')} with stamps later than their "
         f"arrival, usually by {format_duration(most)}"
     )
     names = tuple(sorted(edge.name for _, _, edge in found))
@@ -579,9 +582,9 @@ def _coverage(edge: Edge, start: int, end: int, limits: Limits) -> Iterator[Find
     first, last = int(stamps[0]), int(stamps[-1])
     parts = []
     if first - start > limit:
-        parts.append(f"starts {format_duration(first - start)} after the first sample of all")
+        parts.append(f"starts {format_duration(first - start)} after the first sample of all edges")
     if end - last > limit:
-        parts.append(f"stops {format_duration(end - last)} before the last sample of all")
+        parts.append(f"stops {format_duration(end - last)} before the last sample of all edges")
     if parts:
         yield Finding("coverage", (edge.name,), " and ".join(parts), first, len(parts))
 

@@ -20,8 +20,8 @@ Severity: TypeAlias = Literal["ok", "warning", "error", "stale"]
 
 # kind -> (severity, meaning), in the order of tables. The documentation lists the same.
 EVENT_KINDS: dict[str, tuple[Severity, str]] = {
-    "two-clocks": ("error", "stamps of another clock than that of the arrivals"),
-    "time-jump": ("error", "stamps that jump against the time of arrival"),
+    "two-clocks": ("error", "stamps of another clock than the arrivals"),
+    "time-jump": ("error", "stamps that jump relative to the time of arrival"),
     "missing": ("error", "an expected edge without any sample"),
     "lifespan": ("stale", "an edge whose newest stamp is too old"),
     "liveliness": ("error", "an authority that stopped writing"),

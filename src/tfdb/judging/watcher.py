@@ -237,7 +237,7 @@ class Watcher:
                 return True
             events, self._pending = self._pending + live.take(stretches, look), []
         if live.missed > missed:
-            text = "%d commits were missed: they come faster than they are read"
+            text = "%d commits were skipped: they came faster than they were read"
             LOGGER.warning(text, live.missed - missed)
         for event in events:
             self._tell(event)

@@ -219,7 +219,9 @@ class Home(Closable):
                 break
             if self._sender.lapped > lapped:
                 count = self._sender.lapped - lapped
-                self._log.add("lapped", f"{count} commits came faster than they are sent")
+                self._log.add(
+                    "lapped", f"{count} commits came faster than the home could send them"
+                )
             else:
                 self._commits += self._sender.commit - before
                 self._messages += 1
@@ -250,7 +252,9 @@ class Home(Closable):
             later = heard[-1].epoch
         forks = [each.fork for each in heard if each.previous == self.epoch]
         fork = forks[-1] if forks else None
-        text = self._end_writes() if heard else "It was not heard: the store stays writable"
+        text = (
+            self._end_writes() if heard else "No message of it arrived, so the store stays writable"
+        )
         commit = self._buffer.commit
         found = [each for each in self._buffer.positions() if each.source == self._name]
         if found and found[0].epoch == self.epoch:
@@ -258,9 +262,9 @@ class Home(Closable):
         elif found and found[0].epoch > self.epoch:  # this store has no lost commits
             fork = commit
         if fork is not None and fork < commit:
-            text = f"the commits after {fork} are in this store alone. {self._keep(fork)}{text}"
+            text = f"only this store has the commits after {fork}. {self._keep(fork)}{text}"
         text = f"this one stopped at commit {commit}. {text}"
-        text = f"a later home is there, or was ({later.number}): {text}"
+        text = f"a later home exists or existed (epoch {later.number}): {text}"
         before = None if fork is None else (self.epoch, fork)
         self._log.add("fenced", text, before, (self.epoch, commit))
 
@@ -296,7 +300,7 @@ class Home(Closable):
             if self._buffer._hand_over(self._name, "adopt", self.epoch) is None:
                 return "The later home publishes the same store, which stays writable"
         except TfdbError as error:  # such as a frozen store, or a store with other sources
-            return f"The store stays as it is: {error}"
+            return f"The store stays unchanged: {error}"
         return "Its frames are read-only"
 
     def _keep(self, fork: int) -> str:
@@ -310,7 +314,7 @@ class Home(Closable):
             except (FeedLapped, Gone):
                 with self._buffer.snapshot() as snap:
                     data = snap.state_bytes()
-                what = "the whole state, since not all of them are kept any more"
+                what = "the whole state, because not all of them are kept any more"
             with new_file(self._keep_lost) as path:
                 path.write_bytes(in_epoch(data, self.epoch))
         except (OSError, TfdbError) as error:

@@ -55,8 +55,8 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
         text = f"no Zenoh router at {where}: start one, for example by listen= (--listen) of one "
         text += "of the processes"
         if here := listeners(config):
-            text = f"cannot listen at {', '.join(here)}: another program does, or this machine "
-            text += "does not have the address"
+            text = f"cannot listen at {', '.join(here)}: another program listens there, or this "
+            text += "machine does not have the address"
         raise ConnectionError(text) from error
 
 

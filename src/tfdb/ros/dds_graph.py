@@ -267,7 +267,7 @@ class _Hearing:
         found = _HASH.search(b"" if user_data is None else user_data.data)
         wanted, why = self._topic.kind.hash, ""
         if found is not None and (their := found[1].decode(errors="replace")) != wanted:
-            why = f"its type hash is {their}, wanted is {wanted}"
+            why = f"its type hash is {their}, expected {wanted}"
         if len(self._senders) >= _MOST_SENDERS:
             self._senders.clear()
         sender = self._graph.name_of(endpoint.key.bytes), why

@@ -25,7 +25,7 @@ Ready: TypeAlias = "Callable[[int], None]"  # called with selectors.EVENT_READ a
 def warn_of_message(topic: str, publisher: str, error: Exception) -> None:
     """Log a failed callback; callers call this once for each publisher."""
     LOG.warning(
-        "a message of %s on %s: %s; said once for each publisher",
+        "a message of %s on %s: %s; logged once for each publisher",
         publisher,
         topic,
         error,
@@ -125,4 +125,4 @@ def _guarded(action: Callable[..., None], *arguments: int) -> None:
     try:
         action(*arguments)
     except Exception:
-        LOG.exception("an error within tfdb.ros")
+        LOG.exception("an internal error of tfdb.ros")

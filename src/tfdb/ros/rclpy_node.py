@@ -127,7 +127,7 @@ class RclpyNode:
             except Exception:
                 if sender not in failed:
                     failed.add(sender)
-                    self._log_failure(f"what hears {topic} from {sender or 'an unknown node'}")
+                    self._log_failure(f"a callback of {topic} for {sender or 'an unknown node'}")
 
         quality = qos or _quality(latched=latched, depth=depth)
         with self._lock:

@@ -538,6 +538,6 @@ def _implementation() -> Any:
 
 def _warn_unexpected(node: Any, error: Exception) -> None:
     node.get_logger().warning(
-        "listening by rclpy's own subscriptions, which cost more: what is below them is not as "
-        f"expected ({type(error).__name__}: {error})"
+        "listening through rclpy's own subscriptions, which need more CPU: rclpy's private parts "
+        f"are not as expected ({type(error).__name__}: {error})"
     )

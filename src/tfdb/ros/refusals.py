@@ -26,4 +26,4 @@ class Refusals:
             if (source, why) in self._told or len(self._told) >= _MOST_TOLD:
                 return
             self._told.add((source, why))
-        LOG.warning("left out a message on %s (%s): %s; said once", topic, source, why)
+        LOG.warning("ignored a message on %s (%s): %s; logged once", topic, source, why)

@@ -248,7 +248,7 @@ class _Clock:
             try:
                 called(now)
             except Exception:
-                LOG.exception("what listens to rospy's clock failed")
+                LOG.exception("a callback of rospy's clock failed")
 
 
 @cache

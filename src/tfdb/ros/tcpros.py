@@ -99,7 +99,7 @@ def receive_header(connection: socket.socket, seconds: float) -> dict[str, str]:
 
 def _too_long(length: int, limit: int) -> CorruptMessage:
     return CorruptMessage(
-        f"a frame claims {length} bytes, and at most {limit} are taken",
+        f"a frame has {length} bytes; at most {limit} are allowed",
         reason="too long",
         limit=limit,
     )

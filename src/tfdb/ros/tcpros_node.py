@@ -303,7 +303,7 @@ class TcprosNode(Closable):
             try:
                 listener.called(self.now())
             except Exception:
-                LOG.exception("what listens to the clock of %s failed", self.name)
+                LOG.exception("a clock callback of %s failed", self.name)
 
     def _begin_topic(self, topic: SubscribedTopic) -> None:
         with self._lock:
@@ -489,7 +489,7 @@ class _Slave:
         return self._node._names.host, self._node._server.port
 
     def shutdown_requested(self, reason: str) -> None:
-        why = f"it was told to end: {reason or 'no reason given'}"
+        why = f"it was ended by a request: {reason or 'no reason given'}"
         LOG.warning("%s is closed: %s", self._node.name, why)
         self._node._close(why)
 

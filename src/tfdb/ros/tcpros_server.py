@@ -80,7 +80,7 @@ class Peer:
         try:
             self._connection.send(encode_header({"error": reason}))
         except OSError as error:
-            LOG.debug("nor could that be said: %s", error)
+            LOG.debug("the reason could not be sent: %s", error)
         self.close()
 
     def send(self, data: bytes | None) -> None:
@@ -92,7 +92,9 @@ class Peer:
                 if len(self._waiting) == self._waiting.maxlen:
                     self.dropped += 1
                     if self.dropped == 1:
-                        LOG.warning("%s takes messages too slowly: the oldest go", self.name)
+                        LOG.warning(
+                            "%s receives messages too slowly: the oldest are dropped", self.name
+                        )
                 self._waiting.append(data)
             if self._blocked:
                 return
@@ -355,7 +357,7 @@ class TcprosServer:
         except BlockingIOError:
             return
         except OSError as error:
-            LOG.warning("no connection can be accepted for %g s: %s", NO_ROOM_SECONDS, error)
+            LOG.warning("no connection is accepted for %g s: %s", NO_ROOM_SECONDS, error)
             self._loop.leave(self._listener)
             self._loop.later(NO_ROOM_SECONDS, self._watch)
             return

@@ -104,7 +104,7 @@ class Link:
             # A missing publisher is usual, because the master still lists killed nodes.
             LOG.log(
                 logging.INFO if isinstance(error, ConnectionRefusedError) else logging.WARNING,
-                "%s of %s: %s; tried again, and said once",
+                "%s of %s: %s; retrying; logged once",
                 self._topic.name,
                 self.publisher or self._uri,
                 error,

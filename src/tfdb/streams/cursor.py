@@ -72,9 +72,7 @@ class Cursor(Reader[Item]):
                 self._watch.next(self._position, 0, limit=1)  # the first call registers the watch
         except NotSupported as error:
             self._watch = None
-            text = (
-                f"the stream looks for commits every {self._poll:g} s, for it cannot wait: {error}"
-            )
+            text = f"the stream polls every {self._poll:g} s: it cannot wait for commits: {error}"
             warnings.warn(text, TfdbWarning, stacklevel=4)
         _open.add(self)
 

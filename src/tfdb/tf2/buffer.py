@@ -529,7 +529,7 @@ def _is_possible(question: Question | Full) -> bool:
 def _check_possible(question: Question | Full) -> None:
     if not _is_possible(question):
         raise InvalidArgumentException(
-            f"{question} will never have an answer: names are neither empty nor begin with '/', "
+            f"{question} can never succeed: names are neither empty nor begin with '/', "
             f"they have no control characters and at most 1024 bytes, stamps are from 0 to "
             f"{LAST_STAMP} ns",
             target=question[0],

@@ -150,7 +150,7 @@ class _Points:
                 for index, column in enumerate(columns):
                     column[...] = rows[:, index].reshape(self.shape)
         except FloatingPointError:
-            raise errors.InvalidTransform("a point has no finite place in float32") from None
+            raise errors.InvalidTransform("a transformed point is not finite in float32") from None
 
     def message(self) -> Any:
         """A new cloud of these bytes, with a copy of the old one's header."""

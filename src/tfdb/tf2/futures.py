@@ -22,8 +22,8 @@ __all__ = ["complete", "future_of_caller"]
 
 _cancelling = threading.RLock()
 NOT_DONE = (
-    "the transform has not come yet: wait for it with result(timeout=seconds), with await, or with "
-    "add_done_callback"
+    "the transform is not available yet: wait for it with result(timeout=seconds), with await, "
+    "or with add_done_callback"
 )
 
 

@@ -327,7 +327,7 @@ class Server:
     async def _meet(self, connection: ServerConnection) -> None:
         """Serve one viewer until it leaves."""
         if len(self._viewers) >= VIEWERS:
-            await connection.close(1013, f"{VIEWERS} viewers are there already")
+            await connection.close(1013, f"{VIEWERS} viewers are already connected")
             return
         viewer = Viewer(connection)
         if self._model.live is not None and not self._viewers:
@@ -346,7 +346,7 @@ class Server:
         except ConnectionClosed:
             pass
         except Exception:
-            _LOGGER.exception("a viewer's question failed")
+            _LOGGER.exception("a request of a viewer failed")
             raise
         finally:
             self._viewers.remove(viewer)
@@ -408,12 +408,12 @@ class Server:
         cookie = f"tfdb_{self._port}"
         given = parse_qs(query).get("token", [])
         if not self._knows(given, request.headers.get_all("Cookie"), cookie):
-            text = "open the address that tfdb view printed: it holds the token"
+            text = "open the address that tfdb view printed: it includes the token"
             return _text(http.HTTPStatus.UNAUTHORIZED, text)
         if path == "/live":
             if len(self._viewers) < VIEWERS:
                 return None
-            text = f"{VIEWERS} viewers are there already: close one"
+            text = f"{VIEWERS} viewers are already connected: close one"
             return _text(http.HTTPStatus.SERVICE_UNAVAILABLE, text)
         if path == "/metrics":
             accepted = " ".join(request.headers.get_all("Accept"))
@@ -421,7 +421,7 @@ class Server:
             return _body(http.HTTPStatus.OK, kind, self._metrics().encode(errors="replace"))
         name = path.removeprefix("/") or "index.html"
         if name not in self._files:
-            return _text(http.HTTPStatus.NOT_FOUND, f"nothing is at {path[:200]!r}")
+            return _text(http.HTTPStatus.NOT_FOUND, f"no page at {path[:200]!r}")
         response = _body(http.HTTPStatus.OK, *self._files[name])
         if given and self._token:
             response.headers["Set-Cookie"] = (
