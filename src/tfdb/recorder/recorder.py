@@ -245,7 +245,7 @@ class Recorder(Closable):
             text += " takes them, or than they are read; a larger queue= holds more"
             warnings.warn(text, TfdbWarning, stacklevel=4)
         if unseen := self._names.unseen():
-            text = f"no frame was called {first_few(unseen)}, which the options name"
+            text = f"the options name {first_few(unseen)}, but no recorded commit has such a frame"
             warnings.warn(text, TfdbWarning, stacklevel=4)
 
     # -- the thread that reads ---------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""A live store for Foxglove and Lichtblick, by their protocol; needs the package foxglove-sdk."""
+"""Serves a live store to Foxglove and Lichtblick by their protocol; needs foxglove-sdk."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ if TYPE_CHECKING:
     from tfdb._core import Buffer, Snapshot
 
 _WAIT = 0.02
-"""Seconds for which samples are gathered into one message."""
+"""Seconds for which samples are collected into one message."""
 _LOOK = 1.0
-"""Seconds between two looks for viewers at a store without commits."""
+"""Seconds between two checks for viewers while the store has no commits."""
 _REST = 0.1
-"""The same at one with commits."""
+"""Seconds between two checks for viewers while the store has commits."""
 _LOGGER = logging.getLogger("tfdb.view")
 
 
 def serve_foxglove(
     store: Buffer, source: str, *, host: str, port: int, ready: Callable[[str], None]
 ) -> None:
-    """Send each sample that is committed to all viewers, until an error or Ctrl-C.
+    """Send each committed sample to all viewers, until an error or Ctrl-C.
 
-    `ready` is called with the address. A viewer that subscribes gets the static edges and the
-    newest sample of each other edge first. Raises OSError where it cannot listen, and the error
-    that ends the store.
+    `ready` is called with the address. A new viewer first gets the static edges and the newest
+    sample of each other edge. Raises OSError if it cannot listen, and the error that ends the
+    store.
     """
     context = foxglove.Context()
     sender = _Sender(store, context)
@@ -67,30 +67,30 @@ def _start(
 
 
 class _Sender(ServerListener):
-    """Writes edges as messages. Threads: one; those of the server call `on_subscribe`."""
+    """Writes edges as messages. Threads: one; the server's threads call `on_subscribe`."""
 
     def __init__(self, store: Buffer, context: foxglove.Context) -> None:
         self._store = store
         self._moving = FrameTransformsChannel("/tf", context=context)
         self._static = FrameTransformsChannel("/tf_static", context=context)
         self._newest = 0
-        """The newest stamp that was sent, at which static edges are logged."""
+        """The newest sent stamp; static edges are logged at it."""
         self._lock = threading.Lock()
         self._follows = False
         self._since: int | None = None
-        """The first commit that a new viewer knows, if nothing was followed when it came."""
+        """The commit that the first viewer got; following continues after it."""
         self._came = threading.Event()
 
     def wait(self) -> None:
         """Wait for a viewer. Raises the error that ends the store."""
         while self._since is None:
-            # The removal of a store ends a wait for its commits only.
+            # The removal of a store ends only waits for its commits.
             with suppress(WaitTimeout):
                 self._store.wait_for_commit(self._store.commit, _LOOK)
                 self._came.wait(_REST)
 
     def follow(self) -> None:
-        """Send each sample that is committed until the last viewer leaves."""
+        """Send each committed sample until the last viewer leaves."""
         with self._lock:
             since, self._since = self._since, None
             self._follows = True
@@ -119,7 +119,7 @@ class _Sender(ServerListener):
         channel.log(FrameTransforms(transforms=made), log_time=max(stamps) or None)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """Send what the store holds: the viewer was not there when it was committed."""
+        """Send the stored transforms to a new viewer, which has not received their commits."""
         try:
             with self._lock, self._store.snapshot() as state:
                 if not self._follows:

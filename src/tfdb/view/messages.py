@@ -1,6 +1,6 @@
-"""Messages between the server of the page and its viewers: JSON as text, poses as bytes.
+"""Messages between the page's server and its viewers: JSON as text, poses as bytes.
 
-Stamps are strings of digits: numbers of JavaScript lose nanoseconds.
+Stamps are strings of digits, because JavaScript's numbers lose nanoseconds.
 """
 
 from __future__ import annotations
@@ -20,44 +20,44 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 CHANGED, WHOLE, PAST = 1, 2, 3
-"""Kinds of poses: rows that changed since the last ones, all rows, all rows at a past stamp."""
+"""Kinds of pose messages: changed rows, all rows, all rows at a past stamp."""
 MOST_BYTES = 1 << 16
-"""Of a message of a viewer."""
+"""Largest size of a viewer's message, in bytes."""
 EVENTS = 500
-"""So many are kept, the newest ones."""
+"""Number of kept events, the newest ones."""
 FASTEST = 60
-"""Poses a second that a viewer may ask for, at most."""
+"""Largest rate of poses that a viewer may request, in Hz."""
 _HEADER = struct.Struct("<IIqII")
 _STAMP = re.compile(r"[0-9]{1,19}", re.ASCII)
 _LATEST = 2**63 - 1
 
 
 class BadMessage(ValueError):  # noqa: N818 - as the viewer reads it
-    """A message of a viewer that cannot be answered, with what would be valid."""
+    """A viewer's message is invalid; the text names the valid values."""
 
 
 @dataclass(frozen=True)
 class At:
-    """Show everything at a stamp; None: each edge's newest sample."""
+    """Request to show all poses at a stamp; None: each edge's newest sample."""
 
     stamp: int | None
 
 
 @dataclass(frozen=True)
 class Lookup:
-    """Look up T[target<-source] at a stamp; None: from each edge's newest sample."""
+    """Request of T[target<-source] at a stamp; None: from each edge's newest sample."""
 
     number: int
     target: str
     source: str
     stamp: int | None
     trail: float
-    """Seconds of the source's way in the target up to the stamp; 0: none."""
+    """Length of the source's trail in the target before the stamp, in seconds; 0: no trail."""
 
 
 @dataclass(frozen=True)
 class Rate:
-    """Send poses so often a second at most."""
+    """Request to limit the rate of poses."""
 
     hz: int
 
@@ -66,7 +66,7 @@ Question: TypeAlias = At | Lookup | Rate
 
 
 def read_question(message: str | bytes) -> Question:
-    """Read a message of a viewer. Raises BadMessage."""
+    """Parse a viewer's message. Raises BadMessage."""
     if not isinstance(message, str):
         raise BadMessage("a message is JSON text, not bytes")
     try:
@@ -125,7 +125,7 @@ def _stamp(body: dict[str, Any]) -> int | None:
 
 
 def write_text(kind: str, /, **fields: Any) -> str:
-    """Write a message of the server as JSON text."""
+    """Write a server message as JSON text."""
     return json.dumps({"type": kind, **fields}, separators=(",", ":"))
 
 
@@ -143,7 +143,7 @@ def write_poses(
 
 
 def as_numbers(values: npt.NDArray[np.float64]) -> list[Any]:
-    """Return numbers for JSON, which has no NaN: None instead."""
+    """Return numbers for JSON, with None for NaN, which JSON lacks."""
     if np.isfinite(values).all():
         return values.tolist()  # type: ignore[no-any-return]
     found = values.astype(object)

@@ -1,4 +1,4 @@
-"""Counts and ages as text of OpenMetrics, which Prometheus reads as well."""
+"""Counts and ages as OpenMetrics text, which Prometheus reads."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tfdb.judging.events import Event
 
 OPEN_METRICS = "application/openmetrics-text"
-"""What a client accepts that knows more than the older text format of Prometheus."""
+"""The Accept value of clients that know more than Prometheus's older text format."""
 OPEN_METRICS_TYPE = f"{OPEN_METRICS}; version=1.0.0; charset=utf-8"
 PROMETHEUS_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
@@ -22,7 +22,7 @@ _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
 
 @dataclass(frozen=True)
 class Metric:
-    """One metric: its samples are values by labels. Names of counters do not end in `_total`."""
+    """A metric: its values by labels. Names of counters do not end in `_total`."""
 
     name: str
     kind: Literal["gauge", "counter"]
@@ -36,7 +36,7 @@ def one(name: str, kind: Literal["gauge", "counter"], meaning: str, value: float
 
 
 def write_metrics(metrics: Iterable[Metric]) -> str:
-    """Write metrics as text, which both formats allow."""
+    """Write metrics as text that is valid in both formats."""
     lines = []
     for metric in metrics:
         lines.append(f"# TYPE {metric.name} {metric.kind}")
@@ -56,7 +56,7 @@ def _labels(labels: Mapping[str, str]) -> str:
 
 
 def expectation_metrics(active: Iterable[Event], begun: Mapping[str, int]) -> list[Metric]:
-    """Return how many expectations are broken now, and how many have been so far."""
+    """Return how many expectations are broken now, and how many were broken in total."""
     broken = Counter({(kind, usual): 0 for kind, (usual, _) in EVENT_KINDS.items()})
     broken.update((event.kind, event.severity) for event in active)
     return [
@@ -79,7 +79,7 @@ def expectation_metrics(active: Iterable[Event], begun: Mapping[str, int]) -> li
 
 
 def age_metric(ages: Iterable[tuple[str, str, float]]) -> Metric:
-    """Return the ages of edges in seconds, given with their parent and child."""
+    """Return the metric for ages of edges in seconds, given with parent and child."""
     return Metric(
         "tfdb_edge_age_seconds",
         "gauge",

@@ -1,4 +1,4 @@
-"""A store as the page shows it: its tree, the poses of each tick, facts, events and lookups."""
+"""The model of the page: tree, poses per tick, facts, events and lookups of a store."""
 
 from __future__ import annotations
 
@@ -40,30 +40,30 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 _CHECKED = 64
-"""Parents that are compared in each tick at most; those of larger trees take turns."""
+"""Largest number of parents that a tick compares; in larger trees they take turns."""
 _FAR = 1024.0
-"""Metres: beyond, float32 rounds by more than 0.1 mm, and poses are sent relative to an origin."""
+"""Metres: beyond this float32 rounds by more than 0.1 mm; poses are sent relative to an origin."""
 _REST = 0.5
 _LONGEST_REST = 5.0
 _SHARE = 200
-"""Facts rest so many times as long as they took: they take 0.5 % of a core, or more every 5 s."""
+"""Pause between facts, as a multiple of their duration; at most 5 s. They use 0.5 % of a core."""
 _ROW = np.dtype("V28")
-"""Seven numbers of float32."""
+"""Bytes of a pose: seven float32 numbers."""
 _GAPS = 200
 _TRAIL = 240
 _TOPOLOGIES = 16
 _GAPS_AGE = 2.0
-"""Seconds for which the gaps of an edge that still grows are kept."""
+"""Seconds for which the gaps of a growing edge are cached."""
 
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """Frames in the order of the tree, with their parents; rows are numbers of frames."""
+    """Frames in tree order, with their parents; a row is the number of a frame."""
 
     number: int
     names: tuple[str, ...]
     columns: Integers
-    """Places of the frames in `TreeColumns`."""
+    """Positions of the frames in `TreeColumns`."""
     moving: Integers
     """Rows of the moving edges."""
     moving_names: list[str]
@@ -71,24 +71,24 @@ class Topology:
     origins: Floats
     """(M, 3): the poses of the moving edges are sent relative to these."""
     text: str
-    """The message to viewers."""
+    """The message for viewers."""
 
 
 class Model:
-    """What the page shows of one store. Threads: one.
+    """The content of the page for one store. Threads: one.
 
     Parameters
     ----------
     store
-        The store. One that others write to comes with `live`.
+        The store. A changing store also needs `live`.
     source
-        What users call it.
+        The name of the store for users.
     live
-        Its commits and the clock of its stamps. None: it does not change.
+        Its commits and the clock of its stamps. None: the store does not change.
     opening
-        Python that opens it as `buf`; empty: unknown.
+        Python code that opens it as `buf`; empty: unknown.
     expected
-        What is expected of its edges.
+        The expectations of its edges.
     events
         Events of a recording.
     """
@@ -109,21 +109,21 @@ class Model:
         self.events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
         self.judges: bool = expected is not None
         self.commit: int = -1
-        """The commit that was shown last."""
+        """The last shown commit."""
         self.facts: str = ""
         """The newest facts, as a message."""
         self.rest: float = _REST
-        """Seconds until facts are told again if commits come."""
+        """Seconds until facts are sent again after commits."""
         self._opening = opening
         self._topologies: OrderedDict[Any, Topology] = OrderedDict()
         self._numbers = 0
         self.topology: Topology
         self._poses: npt.NDArray[np.float32]
         self._shown: tuple[Any, ...] = ()
-        """Names, parents, kinds and static poses that the topology was made of."""
+        """Names, parents, kinds and static poses of the topology."""
         self._writers: tuple[Topology | None, tuple[str, ...], list[str], list[int]]
         self._writers = None, (), [], []
-        """Of a topology and its edges' authorities: their names, and the number of each row."""
+        """The authorities of a topology's edges: their names, and the index of each row's."""
         self._turn = 0
         self._stamp = 0
         self._since = time.monotonic_ns()
@@ -134,7 +134,7 @@ class Model:
         self._news: list[dict[str, Any]] = []
         self._judge: LiveJudge | None = None
         self._begun: Counter[str] = Counter()
-        """How many expectations were broken, by kind."""
+        """Number of broken expectations, by kind."""
         if live is not None and expected is not None:
             self._judge = LiveJudge(live, Judge(expected, live.now()))
             self._take(self._judge.begun)
@@ -153,7 +153,7 @@ class Model:
         self.rest = min(max(_SHARE * took, _REST), _LONGEST_REST)
 
     def tick(self) -> bytes:
-        """Read the newest poses, and return those that changed; empty where none did."""
+        """Read the newest poses, and return the changed ones; empty without a change."""
         return self._read(self._tick)
 
     def whole(self) -> bytes:
@@ -162,7 +162,7 @@ class Model:
         return write_poses(WHOLE, self.topology.number, self._stamp, moving, self._poses)
 
     def judge(self) -> list[dict[str, Any]]:
-        """Judge the commits since the last call by what is expected; return new events."""
+        """Check the expectations on the commits since the last call; return new events."""
         judge = self._judge
         if judge is None:
             return []
@@ -183,11 +183,11 @@ class Model:
 
     @property
     def settings(self) -> int:
-        """How often the clock of the store was set: ages change with it."""
+        """Number of times that the store's clock was set: ages change with it."""
         return self._clock._settings
 
     def hello(self, shapes: str = "") -> str:
-        """Return the first message to a viewer; `shapes` differs where they are others."""
+        """Return the first message to a viewer; `shapes` identifies the shapes."""
         return write_text(
             "hello",
             source=self.source,
@@ -230,7 +230,7 @@ class Model:
             return b""
         self.commit = state.commit
         poses = self._poses_at(state, topology, None)
-        # As bytes: what is not a number equals itself.
+        # Compare bytes, because NaN differs from itself.
         changed = poses.view(_ROW)[:, 0] != self._poses.view(_ROW)[:, 0]
         self._poses = poses
         rows = np.flatnonzero(changed)
@@ -339,7 +339,7 @@ class Model:
             speed=self._speed() if own else 1.0,
             rest=self.rest,
             rows=topology.moving.tolist(),
-            # Whole numbers are written three times as fast; a rate of 0 is unknown.
+            # Integers are written three times as fast; a rate of 0 means unknown.
             rate=np.nan_to_num(100 * columns.rate[moving], posinf=0).round().astype(int).tolist(),
             newest=[str(each) if each >= 0 else None for each in newest.tolist()],
             late=columns.late[moving].tolist(),
@@ -350,7 +350,7 @@ class Model:
         )
 
     def _broken(self) -> list[list[str]]:
-        """List what is broken now: the frame or empty, the severity, and the text."""
+        """List the broken expectations: the frame (may be empty), the severity, and the text."""
         if self._judge is None:
             return []
         active = sorted(self._judge.judge.active.values(), key=lambda event: event.rank)
@@ -361,7 +361,7 @@ class Model:
             self._stamp, self._since = newest, time.monotonic_ns()
 
     def _now(self) -> tuple[int, bool]:
-        """Return the time by which samples age, and whether it is that of the store's clock.
+        """Return the current time for ages, and whether it is that of the store's clock.
 
         Stamps of another clock age from the newest one on.
         """
@@ -373,7 +373,7 @@ class Model:
         return self._stamp + time.monotonic_ns() - self._since, False
 
     def _speed(self) -> float:
-        """Return how fast that time passes; 0 while it stands still."""
+        """Return the speed of that time; 0 while it is paused."""
         if self._goes_otherwise:
             return 1.0
         return 0.0 if self._clock.paused else self._clock.speed
@@ -410,7 +410,7 @@ class Model:
         return self._read(read)
 
     def answer(self, asked: Lookup) -> str:
-        """Answer a lookup: the transform, how each edge was used, gaps, trail, and Python."""
+        """Answer a lookup: the transform, the use of each edge, gaps, trail, and Python code."""
         try:
             body = self._read(lambda state: self._answer(state, asked))
         except TfdbError as error:
@@ -435,7 +435,7 @@ class Model:
                 found = state.lookup_transform(asked.target, asked.source, asked.stamp)
         except TfdbError:
             told = state.explain(asked.target, asked.source, asked.stamp)
-            if told.ok:  # a latest lookup differs where an edge was cleared
+            if told.ok:  # a latest lookup differs if an edge was cleared
                 raise
             return {"ok": False, "text": str(told), "gaps": gaps}
         report = found.report
@@ -465,7 +465,7 @@ class Model:
         }
 
     def _trail(self, state: Snapshot, asked: Lookup) -> list[list[float]]:
-        """Return where the source was in the target, up to the stamp."""
+        """Return the positions of the source in the target before the stamp."""
         if not asked.trail or asked.source == asked.target:
             return []
         first, last = state.common_times(asked.target, asked.source)
@@ -502,7 +502,7 @@ class Model:
         return found
 
     def _python(self, asked: Lookup) -> str:
-        """Write the lookup as Python."""
+        """Write the lookup as Python code."""
         names = f"{asked.target!r}, {asked.source!r}"
         if asked.stamp is not None:
             call = f"buf.lookup_transform({names}, {asked.stamp})"
@@ -541,7 +541,7 @@ def _tree_event(kind: str, frame: str, text: str, stamp: int) -> dict[str, Any]:
 
 
 def _gap_events(store: Buffer, most: int) -> Sequence[dict[str, Any]]:
-    """Return the longest gaps of a store that does not change, as events."""
+    """Return the longest gaps of an unchanging store, as events."""
     found = [(gap, edge) for edge in edge_summaries(store) for gap in edge.gaps]
     found.sort(key=lambda each: -each[0].length)
     return [

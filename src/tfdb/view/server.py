@@ -43,16 +43,16 @@ if TYPE_CHECKING:
     from .shapes import Shapes
 
 VIEWERS = 32
-"""So many at once; more get 503."""
+"""Largest number of viewers; others get the status 503."""
 BACKLOG = 1 << 20
-"""Bytes that a viewer may leave unread before it misses ticks."""
+"""Unread bytes of a viewer from which on it misses ticks."""
 _GATHERS = 0.005
-"""Seconds after a commit that was waited for: others often come with it, and the next tick is then
+"""Seconds to wait after an awaited commit for others that often follow it. The next tick is then
 late enough to find the next commit without a wait."""
 _IDLE = 1.0
-"""Seconds between two looks at the viewers of a store, or at the clock of one without commits."""
+"""Seconds between two checks of the viewers, and of the clock of a store without commits."""
 _LOOK = 0.1
-"""Seconds between two looks at the time, where silences are judged."""
+"""Seconds between two checks of expectations on missing data."""
 _COUNTED = {
     "ticks": "Times that poses were sent.",
     "dropped": "Ticks that a viewer missed because it left too much unread.",
@@ -70,7 +70,7 @@ _TYPES = {
     "style.css": "text/css; charset=utf-8",
     "favicon.svg": "image/svg+xml",
 }
-"""The files of the page and their types. Beside them only a robot's shapes are served."""
+"""The files of the page and their types. Other than these, only a robot's shapes are served."""
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'",
@@ -86,27 +86,27 @@ _QUIET.setLevel(logging.CRITICAL)  # peers may send anything
 
 @dataclass(eq=False)
 class Viewer:
-    """A page that is open somewhere."""
+    """An open page."""
 
     connection: ServerConnection
     hz: int = FASTEST
     past: int | None = None
-    """The stamp that it looks at; None: the newest samples."""
+    """The stamp that it shows; None: the newest samples."""
     topology: Topology | None = None
     """The tree that it has."""
     is_behind: bool = True
-    """Whether it needs all poses, for it has missed some."""
+    """Whether it needs all poses, because it has missed some."""
     lacks_facts: bool = False
     missed: deque[str] = field(default_factory=lambda: deque(maxlen=EVENTS))
-    """Events that it could not get."""
+    """Events that could not be sent yet."""
     next: float = 0.0
-    """When it may get poses again (monotonic), if it wants them seldom."""
+    """Monotonic time of its next poses, if it limits their rate."""
     asked: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set when it asks for another stamp."""
+    """Set when it requests another stamp."""
 
     @property
     def is_full(self) -> bool:
-        """Whether it has left too much unread."""
+        """Whether it has too many unread bytes."""
         return self.connection.transport.get_write_buffer_size() > BACKLOG
 
     def tell(self, message: str | bytes) -> None:
@@ -122,13 +122,13 @@ class Server:
     model
         The store.
     host, port
-        Where to listen; port 0: any that is free.
+        Where to listen; port 0: any free port.
     names
-        Names of hosts that browsers may use for it, beside addresses and localhost.
+        Host names that browsers may use for the server, beside addresses and localhost.
     hz
         Poses a second.
     shapes
-        Those of a robot model that the page draws.
+        The shapes of a robot model that the page draws.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class Server:
         folder = Path(__file__).parent / "page"
         self._files = {name: (kind, (folder / name).read_bytes()) for name, kind in _TYPES.items()}
         self._shapes = ""
-        """Differs where other shapes are to be drawn; empty: none."""
+        """Identifies the shapes; empty without shapes."""
         if shapes is not None:
             self._shapes = shapes.mark
             self._files["shapes.json"] = "application/json", shapes.text
@@ -157,15 +157,15 @@ class Server:
                 self._files[f"mesh/{number}"] = "application/octet-stream", mesh
         self._viewers: list[Viewer] = []
         self._came = asyncio.Event()
-        """Set when a viewer comes."""
+        """Set when a viewer connects."""
         self._told = -1, -1
-        """The commit and the settings of the clock of the facts that were sent last."""
+        """The commit and clock settings of the facts that were sent last."""
         self._counts = dict.fromkeys(_COUNTED, 0)
 
     async def run(self, ready: Callable[[str], None]) -> None:
         """Serve until it is cancelled; `ready` is called with the address for browsers.
 
-        Raises OSError where it cannot listen, and the error that ends a live store.
+        Raises OSError if it cannot listen, and the error that ends a live store.
         """
         async with serve(
             self._meet,
@@ -220,7 +220,7 @@ class Server:
                     if self._is_owed():
                         self._send(b"", began)
                     self._send_facts([*events, *model.take_tree_events()])
-            if commit == waited:  # a removal of the store ends a wait only: go on with the next
+            if commit == waited:  # the removal of the store ends only a wait
                 continue
             waited = commit
             if self._viewers or model.judges:
@@ -231,7 +231,7 @@ class Server:
                 await asyncio.wait_for(self._came.wait(), _IDLE)
 
     async def _wait(self) -> int:
-        """Wait for a commit that was not shown, or for a time to look; return the newest commit."""
+        """Wait for a new commit, or for the time of a check; return the newest commit."""
         model = self._model
         after = model.commit if self._viewers else model.store.commit
         timeout = _IDLE
@@ -252,11 +252,11 @@ class Server:
         return model.store.commit
 
     def _has_news(self) -> bool:
-        """Whether the newest facts are not told yet: after a commit, or where the clock was set."""
+        """Whether the newest facts were not sent yet: after a commit, or a setting of the clock."""
         return self._told != (self._model.commit, self._model.settings)
 
     def _is_owed(self) -> bool:
-        """Whether a viewer of the newest state lacks poses."""
+        """Whether a viewer of the newest state has missed poses."""
         tree = self._model.topology
         return any(
             each.past is None and (each.is_behind or each.topology is not tree)
@@ -278,7 +278,7 @@ class Server:
                 self._send_all([viewer], model.facts)
 
     def _send(self, changed: bytes, now: float) -> None:
-        """Send poses to viewers of the newest state: one message for all that are up to date."""
+        """Send poses to viewers of the newest state: one message for all up-to-date viewers."""
         model = self._model
         self._counts["ticks"] += 1
         current = []
@@ -301,7 +301,7 @@ class Server:
             self._send_all(current, changed)
 
     def _send_whole(self, viewer: Viewer, whole: bytes) -> None:
-        """Send all that a viewer needs to go on with what changes."""
+        """Send a viewer all data that it needs before it gets changes only."""
         if viewer.topology is not self._model.topology:
             viewer.lacks_facts = True
         self._send_tree(viewer, self._model.topology)
@@ -354,7 +354,7 @@ class Server:
             await asyncio.wait([past])
 
     async def _take(self, viewer: Viewer, message: str | bytes) -> None:
-        """Take a message of a viewer; one that is wrong is answered by what would be right."""
+        """Handle a viewer's message; the answer to an invalid one names the valid values."""
         try:
             question = read_question(message)
         except BadMessage as error:
@@ -375,7 +375,7 @@ class Server:
             await viewer.connection.send(self._model.answer(question))
 
     async def _show_past(self, viewer: Viewer) -> None:
-        """Send what a viewer of the past asks for; only its newest question counts."""
+        """Send a viewer the past stamp that it requested last."""
         while True:
             await viewer.asked.wait()
             viewer.asked.clear()
@@ -397,7 +397,7 @@ class Server:
     # HTTP.
 
     def _respond(self, _connection: ServerConnection, request: Request) -> Response | None:
-        """Answer what is not a WebSocket; None: go on with its handshake."""
+        """Answer plain HTTP requests; None: continue with the handshake of a WebSocket."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         path, _, query = request.path.partition("?")
         if len(hosts) != 1 or not self._is_host(hosts[0]):
@@ -437,7 +437,7 @@ class Server:
         return name in self._names or _is_address(name)
 
     def _knows(self, given: Sequence[str], cookies: Sequence[str], name: str) -> bool:
-        """Whether a request has the token, in its address or in a cookie."""
+        """Whether a request has the token, in its URL or in a cookie."""
         if not self._token:
             return True
         pairs = [each.strip().partition("=") for line in cookies for each in line.split(";")]
@@ -464,7 +464,7 @@ class Server:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only programs of this machine can reach a host."""
+    """Return whether only programs on this machine can reach a host."""
     return host == "localhost" or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 

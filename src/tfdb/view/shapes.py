@@ -26,35 +26,35 @@ if TYPE_CHECKING:
 
 MOST_SHAPES = 10_000
 MOST_BYTES = 64 * 1024 * 1024
-"""Of one mesh file."""
+"""Largest size of a mesh file, in bytes."""
 MOST_TRIANGLES = 4_000_000
-"""Of all meshes."""
+"""Largest number of triangles of all meshes."""
 _NAMED = 3
-"""So many names of what is not shown are listed."""
+"""Largest number of listed names that are not shown."""
 _PACKAGE = "package://"
 _HEAD = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 _NUMBER = 40
-"""Letters of a number in a text STL, at most."""
+"""Largest number of letters of a number in a text STL."""
 _VERTEX = re.compile(rb"\bvertex" + 3 * (rb"\s+(\S{1,%d})(?!\S)" % _NUMBER), re.IGNORECASE)
 
 
 class BadMesh(ValueError):  # noqa: N818 - it is said, not raised further
-    """A mesh that is not shown, and why."""
+    """A mesh cannot be shown; the text is the reason."""
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """What the server serves of a robot model."""
+    """The served content of a robot model."""
 
     text: bytes
     """JSON: a list of shapes, each with its frame; meshes by their numbers."""
     meshes: tuple[bytes, ...]
-    """Of each mesh nine numbers of float32 for each triangle, little endian."""
+    """For each mesh: nine little-endian float32 numbers per triangle."""
 
     @property
     def mark(self) -> str:
-        """Differs where the shapes differ."""
+        """A text that identifies the shapes."""
         found = zlib.crc32(self.text)
         for mesh in self.meshes:
             found = zlib.crc32(mesh, found)
@@ -101,7 +101,7 @@ def read_shapes(path: str) -> Shapes:
 
 
 def _faults(faults: dict[str, str], notes: list[str], more: int) -> Iterator[str]:
-    """Describe what is not shown, each reason once."""
+    """Describe the shapes that are not shown, each reason once."""
     for reason in dict.fromkeys(faults.values()):
         names = [name for name, why in faults.items() if why == reason]
         yield f"{counted(len(names), 'mesh file')} not shown, {reason}: {_listed(names)}"
@@ -134,7 +134,7 @@ def read_mesh(name: str, urdf: str, most: int = MOST_TRIANGLES) -> npt.NDArray[n
 
 
 def _places(name: str, urdf: Path) -> Iterator[Path]:
-    """List where a mesh may lie."""
+    """List the possible paths of a mesh."""
     if not name.startswith(_PACKAGE):
         yield urdf.parent / unquote(name.removeprefix("file://"))
         return

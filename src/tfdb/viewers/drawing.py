@@ -21,31 +21,31 @@ class Edge:
 
     child: str
     stamps: npt.NDArray[np.int64] | None
-    """Nanoseconds, increasing; None: it is static."""
+    """Nanoseconds, increasing; None for a static edge."""
     poses: npt.NDArray[np.float64]
     parents: list[str]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All edges, and the trajectories that are drawn as paths as well."""
+    """All edges, and the trajectories, which are also drawn as paths."""
 
     edges: list[Edge]
     paths: list[Trajectory]
 
     @property
     def first(self) -> int:
-        """The first stamp; 0 where nothing moves."""
+        """The first stamp; 0 without moving edges."""
         return min((int(e.stamps[0]) for e in self.edges if e.stamps is not None), default=0)
 
     @property
     def transforms(self) -> int:
-        """How many samples there are."""
+        """Number of samples."""
         return sum(len(edge.poses) for edge in self.edges)
 
 
 def collect(what: Any) -> Scene:
-    """Take a store, a snapshot, a trajectory or several apart; raise InvalidArgument for others."""
+    """Collect the edges of a store, snapshot or trajectories; others raise InvalidArgument."""
     if hasattr(what, "tree") and hasattr(what, "samples"):
         return Scene(_edges_of(what), [])
     paths = list(what) if isinstance(what, list | tuple) else [what]

@@ -37,13 +37,13 @@ def to_rerun(
     what
         A store, a snapshot, or one or several trajectories.
     path
-        The file, to be opened with ``rerun FILE``. None: into `recording`.
+        The file; ``rerun FILE`` opens it. None: write into `recording`.
     recording
         A `rerun.RecordingStream`. None: the one that `rerun.init()` made.
     entity
-        The entity path under which all is logged.
+        The entity path of all logged entities.
     axes
-        Length of the drawn axes of each frame, in metres; 0: none are drawn.
+        Length of the drawn axes of each frame, in metres; 0: no axes.
     overwrite
         Replace the file if it exists.
 

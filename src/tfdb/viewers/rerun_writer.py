@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .drawing import Edge, Scene
 
 TIMELINE = "stamp"
-"""On which all is logged: nanoseconds since 1970, as the stamps are."""
+"""The timeline: nanoseconds since 1970, like the stamps."""
 
 _FARTHEST = float(np.finfo(np.float32).max)
 
