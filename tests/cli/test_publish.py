@@ -170,7 +170,7 @@ def test_commands_wait_for_a_router_and_warn_once(bag: Path, command: str) -> No
     arguments = {"publish": ("publish", bag, "--as", "robot1"), "net": ("net", "top")}[command]
     waiting = Running(*arguments, "--connect", endpoint)
     assert waiting.process.stderr is not None
-    warning = f"tfdb: warning: no Zenoh router at {endpoint} : retrying every second\n"
+    warning = f"tfdb: warning: no Zenoh router at {endpoint}: retrying every second\n"
     assert waiting.process.stderr.readline() == warning
     with (
         tfdb.net.Session(listen=endpoint) as session,

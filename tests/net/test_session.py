@@ -349,7 +349,7 @@ def test_a_session_waits_for_a_router() -> None:
                 tfdb.net.Session(listen=endpoint, wait=None, on_wait=note)
     with pytest.raises(ConnectionError, match=f"no Zenoh router at {endpoint}"):
         tfdb.net.Session(connect=endpoint, wait=0.1, on_wait=note)
-    assert told == [f"no Zenoh router at {endpoint} : retrying every second"]
+    assert told == [f"no Zenoh router at {endpoint}: retrying every second"]
 
 
 def test_endpoints_that_are_valid() -> None:

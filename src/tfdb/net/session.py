@@ -124,7 +124,7 @@ class Session(Closable):
                 if left <= 0:
                     raise
             if on_wait is not None:
-                on_wait(f"no Zenoh router at {self._where} : retrying every second")
+                on_wait(f"no Zenoh router at {self._where}: retrying every second")
                 on_wait = None
             time.sleep(min(_PAUSE, left))
         self._is_closed = False
