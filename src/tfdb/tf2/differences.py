@@ -29,7 +29,7 @@ DIFFERENCES: dict[str, Difference] = {
         "a loop is stored, and some lookups find it after 1000 steps; a chain of 1001 edges "
         "counts as a loop",
         "the transform that would close a loop is refused (TF_LOOP); chains may have any length",
-        "one wrong transform must not break a valid tree",
+        "one wrong transform should not break a valid tree",
     ),
     "infinite": Difference(
         "an infinite translation is stored, and lookups return NaN",
@@ -78,29 +78,29 @@ DIFFERENCES: dict[str, Difference] = {
     "can_says_first": Difference(
         "[1] can_transform names both unknown frames",
         "the first one",
-        "lookups also name the first",
+        "lookups also name the first one",
     ),
     "sign": Difference(
-        "the full form returns either of the two quaternions of a rotation",
-        "either one, not always tf2's",
-        "both are the same rotation",
+        "the full form may return a quaternion q or its negative -q",
+        "the sign may differ from tf2's",
+        "q and -q are the same rotation",
     ),
     "can_says_why": Difference(
         "[1] can_transform gives no reason for empty names and slashes, and a wrong one for "
         "names of the full form",
         "the reason names the first wrong argument",
-        "a reason must help",
+        "a reason should name the cause",
     ),
     "latest_common_time": Difference(
-        "two trees raise TransformException",
-        "its subclass ConnectivityException",
-        "lookups raise it as well",
+        "frames in two trees raise TransformException",
+        "they raise its subclass ConnectivityException",
+        "lookups raise the same exception",
     ),
     "chain": Difference(
         "[1] _chain continues above the common ancestor, and unknown names give an empty list "
         "or NO_PARENT; [2] omits the last frame",
         "the frames of the path from source to target, both included; names are checked",
-        "this is the chain",
+        "these are the frames of the path",
     ),
     "listings": Difference(
         "frames are listed in the order of their first use, without quotes; the legend of the "
@@ -109,7 +109,7 @@ DIFFERENCES: dict[str, Difference] = {
         "the listings can be parsed for any names",
     ),
     "same_stamp": Difference(
-        "[2] keeps all samples of one stamp, and the question decides which one is used",
+        "[2] keeps all samples of one stamp, and the lookup decides which one is used",
         "the last written sample is used",
         "an edge has one pose at a stamp",
     ),
@@ -146,7 +146,7 @@ DIFFERENCES: dict[str, Difference] = {
         "programs without ROS have no class for times",
     ),
     "arguments": Difference(
-        "wrong arguments raise TypeError in Python's words; [1] `set_transform` takes no "
+        "wrong arguments raise TypeError with Python's text; [1] `set_transform` takes no "
         "keywords, `clear` and `all_frames_as_yaml` ignore all arguments",
         "all arguments can be keywords; TypeError names the wrong ones",
         "a misspelt argument is an error",
@@ -168,7 +168,7 @@ DIFFERENCES: dict[str, Difference] = {
     "cache_time": Difference(
         "a negative cache_time is accepted, and no sample is kept",
         "InvalidArgumentException",
-        "it is a mistake",
+        "a negative length has no meaning",
     ),
     "conversion_header": Difference(
         "do_transform_* puts the transform's own header object into the result; [2] "
@@ -186,7 +186,7 @@ DIFFERENCES: dict[str, Difference] = {
         "[1] an orientation without unit length becomes another rotation",
         "it is normalised; length 0, the default of [1]'s messages, is read as the identity, as "
         "in [2]",
-        "programs that need only the position leave it out",
+        "programs that need only the position omit the orientation",
     ),
     "conversion_type": Difference(
         "convert, and `transform` with a new_type, return a message of geometry_msgs unchanged "
@@ -213,15 +213,17 @@ DIFFERENCES: dict[str, Difference] = {
     ),
     "covariance": Difference(
         "[1] has no PoseWithCovarianceStamped; [2] rotates the blocks of its covariance",
-        "[2] for both. transform_covariance takes a `lever_arm`, for the covariance of another "
+        "both behave as [2]. transform_covariance takes a `lever_arm`, for the covariance of "
+        "another "
         "point of the body or of a twist about the frame's origin",
         "x, y, z are the position of the pose itself, so a change of frame alone has no lever arm",
     ),
     "tf1_twist": Difference(
         "tf's lookupTwistFull multiplies two vectors member by member in place of their cross "
         "product. A point beside the axis of a rotating frame has no speed",
-        "it has; both lookupTwist return velocities on the axes of the reference frame",
-        "this is the velocity",
+        "it has its correct speed; both forms of lookupTwist return velocities on the axes of "
+        "the reference frame",
+        "this is the correct velocity",
     ),
     "tf1_wait": Difference(
         "tf's waitForTransform raises tf.Exception unless setUsingDedicatedThread was called",
@@ -231,7 +233,7 @@ DIFFERENCES: dict[str, Difference] = {
     "exports": Difference(
         "modules also export private names (`tf.transformations._EPS`) and the features of "
         "`__future__`",
-        "these are left out. A star import of tf2_ros also gives BufferServer, MessageFilter, "
+        "these are omitted. A star import of tf2_ros also gives BufferServer, MessageFilter, "
         "FilterFailureReason, TransformableResult, StaticTransformListener and three kinds of "
         "ExtrapolationException",
         "private names are not part of tf2's interface, and tfdb offers more",
