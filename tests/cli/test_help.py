@@ -94,7 +94,7 @@ def test_commands_that_read_recordings_are_found() -> None:
         (("shm", "list"), "did you mean 'ls'?"),
         (("shm", "inf"), "did you mean 'info'?"),
         (("serve", "ros3"), "'ros2' or 'ros1'?"),
-        (("serve", "zzzz"), "the commands are bag, follow, ros1, ros2"),
+        (("serve", "zzzz"), "the commands are follow, ros1, ros2"),
         (("info", "--topc", "x"), "--topic"),
     ],
 )

@@ -156,7 +156,8 @@ class SuggestingGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that the first argument names."""
-        name, known = args[0], self.list_commands(ctx)
+        hidden = {name for name, command in self.commands.items() if command.hidden}
+        name, known = args[0], [each for each in self.list_commands(ctx) if each not in hidden]
         there = self.get_command(ctx, name) is not None
         if not there and not name.startswith("-") and not ctx.resilient_parsing:
             known = [*known, *self.words]

@@ -132,3 +132,10 @@ def stamp_of(
     """Return the stamp of the argument `name`; `span()` returns the range for offsets."""
     time = time_of(name, given)
     return None if time is None else time.stamp(span() if time.since else None)
+
+
+def check_order(first: int, last: int) -> None:
+    """Raise InvalidArgument if the stamp `end` is before the stamp `start`."""
+    if last < first:
+        ends = f"end ({format_seconds(last)}) is before start ({format_seconds(first)})"
+        raise InvalidArgument(ends, value=last)

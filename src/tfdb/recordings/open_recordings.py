@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from tfdb import _core
 from tfdb.data.errors import InvalidArgument, RecordingError, UnknownFrame
 from tfdb.data.path_checks import check_paths
-from tfdb.data.stamps import format_seconds
 from tfdb.data.suggestions import did_you_mean, no_frame
+from tfdb.data.time_arguments import check_order
 
 from .containers import (
     FRAME_TRANSFORMS,
@@ -356,9 +356,8 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
             raise InvalidArgument("keep counts back from the last moving stamp, but nothing moves")
         newest = found[1] if last is None else min(last, found[1])
         first = max(newest - choice.keep, 0 if first is None else first)
-    if first is not None and last is not None and first > last:
-        ends = f"end ({format_seconds(last)}) is before start ({format_seconds(first)})"
-        raise InvalidArgument(ends, value=last)
+    if first is not None and last is not None:
+        check_order(first, last)
     return first, last
 
 

@@ -9,7 +9,7 @@ from tfdb.data.argument_checks import check_name, check_word
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.poses import found
 from tfdb.data.stamps import MAX_STAMP, shown
-from tfdb.data.time_arguments import stamp_of
+from tfdb.data.time_arguments import check_order, stamp_of
 
 from .explain import from_one_state
 from .summary import span
@@ -106,7 +106,7 @@ def _stored_stamps(
     stamps = snapshot._path_stamps(target, source, start, end)
     if len(stamps) == 0:
         if start is not None and end is not None:
-            _check_order(start, end)
+            check_order(start, end)
         what = f"T[{target}<-{source}] has no stored stamp from start to end"
         remedy = "give rate (--rate) for poses at other stamps"
         if not len(snapshot._path_stamps(target, source, None, None)):
@@ -124,13 +124,8 @@ def _range(
         stored = _stored_stamps(snapshot, target, source, start, end)
     first = int(stored[0]) if start is None else start
     last = int(stored[-1]) if end is None else end
-    _check_order(first, last)
+    check_order(first, last)
     return first, last
-
-
-def _check_order(first: int, last: int) -> None:
-    if last < first:
-        raise InvalidArgument(f"end {last} is before start {first}", value=last)
 
 
 def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:

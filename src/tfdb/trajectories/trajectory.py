@@ -16,7 +16,7 @@ from tfdb.data.errors import (
 )
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import MAX_STAMP, check_increasing, format_seconds, increasing_stamps, shown
-from tfdb.data.time_arguments import time_of
+from tfdb.data.time_arguments import check_order, time_of
 from tfdb.data.types import Columns, Twist
 from tfdb.store.report import restore_transform
 
@@ -484,8 +484,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         begin, stop = time_of("start", start), time_of("end", end)
         first = 0 if begin is None else begin.resolve(ends)
         last = MAX_STAMP if stop is None else stop.resolve(ends)
-        if last < first:
-            raise InvalidArgument(f"end {last} is before start {first}", value=last)
+        check_order(first, last)
         low = int(self._stamps.searchsorted(first, "left"))
         return self._select(slice(low, int(self._stamps.searchsorted(last, "right"))))
 
