@@ -1,4 +1,4 @@
-"""A recording as numpy arrays: load, look around, get thousands of poses in one call."""
+"""Load a recording, and get thousands of poses as numpy arrays in one call."""
 
 from pathlib import Path
 
@@ -15,11 +15,11 @@ print(report.messages, "messages,", report.transforms, "transforms,", len(buf.fr
 info = buf.frame_info("base_footprint")
 print(f"{info.parent} <- {info.name}: {info.samples} samples, {info.rate:.1f} Hz")
 
-# Evenly spaced poses of the base in the map, over the time that all edges between them cover.
+# Evenly spaced poses of the base in the map, while all edges between them have data.
 path = buf.trajectory("map", "base_link", rate=100.0)
 print(path.stamps.shape, path.poses.shape)  # (N,) int64 and (N, 7): x y z qx qy qz qw
 
-# Poses at stamps of your own, sorted or not. All of them are answered from one snapshot.
+# Poses at your own stamps, sorted or not, all from one snapshot.
 rng = np.random.default_rng(1)
 stamps = rng.integers(path.stamps[0], path.stamps[-1], 5_000)
 poses = buf.lookup_transforms("map", "l_gripper_tool_frame", stamps)
@@ -28,6 +28,6 @@ assert np.allclose(poses[17], single.pose, atol=1e-12)
 matrices = buf.lookup_transforms("map", "l_gripper_tool_frame", stamps, layout="matrix")
 print(poses.shape, matrices.shape)
 
-# Stamps without an answer: an error, or NaN if you ask for it.
+# A stamp without a pose raises an error, or gives NaN with missing="nan".
 early = path.stamps[:5] - 60_000_000_000
 print(np.isnan(buf.lookup_transforms("map", "base_link", early, missing="nan")).all())

@@ -1,7 +1,7 @@
-"""Batches are atomic and snapshots hold: two edges revised together are never seen half.
+"""Readers never see half of a batch, and a snapshot does not change.
 
-A writer moves `odom` in the map by +s and `base` in odom by -s, in one batch, as fast as it can:
-every committed state has the base at the origin. Readers check that.
+A writer moves `odom` in the map by +s and `base` in odom by -s, in one batch, as fast as it can.
+So in every committed state the base is at the origin. Readers check that.
 """
 
 import threading
@@ -38,10 +38,10 @@ while not done.is_set() or reads < 1000:
     torn += buf.lookup_transform("map", "base", stamp).translation[0] != 0.0
     reads += 1
 writer.join()
-print(f"{reads} reads under the writer, {torn} of them torn")
+print(f"{reads} reads beside the writer, {torn} of them torn")
 assert torn == 0
 
-# A snapshot answers the same, however much is written meanwhile.
+# A snapshot returns the same transform, however much is written meanwhile.
 with buf.snapshot() as snap:
     held = snap.lookup_transform("map", "odom", stamp).translation[0]
     buf.set_transforms(batch(-1.0))

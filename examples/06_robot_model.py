@@ -1,4 +1,4 @@
-"""A robot model: links and joints from URDF, joint states into the store, the tool's path out."""
+"""Store the joint states of a URDF robot model, and look up the path of its tool."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ print(model)
 buf = tfdb.Buffer(history=None)
 model.set_static(buf, authority="urdf")
 
-# 500 joint states in one commit: the tool is to follow a circle of radius 0.1 around (0.6, 0).
+# 500 joint states in one commit, for which the tool follows a circle of radius 0.1 around (0.6, 0).
 angle = np.linspace(0.0, 2 * np.pi, 500)
 x, y = 0.6 + 0.1 * np.cos(angle), 0.1 * np.sin(angle)
 elbow = np.arccos((x**2 + y**2 - 0.5**2 - 0.4**2) / (2 * 0.5 * 0.4))
@@ -38,7 +38,7 @@ model.set_joint_states(buf, stamps, {"shoulder": shoulder, "elbow": elbow})
 
 poses = buf.lookup_transforms("base", "tool", stamps)
 off = np.hypot(poses[:, 0] - 0.6, poses[:, 1]) - 0.1
-print(f"the tool stays on the circle to {np.abs(off).max():.1e} m")
+print(f"largest distance of the tool from the circle: {np.abs(off).max():.1e} m")
 
 speed = buf.lookup_velocity("base", "tool", int(stamps[250]), interval=0.02)
 print("speed of the tool:", f"{np.linalg.norm(speed.linear):.3f}", "m/s")

@@ -1,4 +1,4 @@
-"""Write what a store holds: a recording for other tools, a trajectory for an evaluation."""
+"""Write a store as a recording for other tools, and as a trajectory for an evaluation."""
 
 import tempfile
 from pathlib import Path
@@ -18,7 +18,7 @@ for i in range(500):
 with tempfile.TemporaryDirectory() as name:
     folder = Path(name)
 
-    # .bag (ROS 1), .mcap or .db3 (ROS 2), by the name's end.
+    # The file extension sets the format: .bag (ROS 1), .mcap or .db3 (ROS 2).
     for suffix in (".bag", ".mcap"):
         messages = write_recording(folder / f"drive{suffix}", buf)
         again = tfdb.load(folder / f"drive{suffix}")
@@ -27,7 +27,7 @@ with tempfile.TemporaryDirectory() as name:
         before = buf.lookup_transform("map", "camera", at).pose
         assert (again.lookup_transform("map", "camera", at).pose == before).all()
 
-    # TUM, KITTI, EuRoC, CSV or NPZ: stamps and poses of one frame in another.
+    # A trajectory (TUM, KITTI, EuRoC, CSV, NPZ) has the stamps and poses of one frame in another.
     path = buf.trajectory("map", "camera", rate=10.0)
     path.save(folder / "camera.tum")
     print((folder / "camera.tum").read_text().splitlines()[1])

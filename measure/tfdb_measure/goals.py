@@ -129,14 +129,14 @@ class Felt:
         if not all(both):
             return None
         theirs, ours = (statistics.median(values) for values in both)
-        factor = f"{number(theirs / ours)}x" if ours else "none left"
+        factor = f"{number(theirs / ours)}x" if ours else "to 0"
         shown = " | ".join(f"{number(value)} {self.unit}" for value in (theirs, ours))
         return f"| {self.text} | {self.today} | {shown} | {factor} |"
 
 
 def felt(results: Results) -> Iterator[str]:
     """Write the table of what a user notices."""
-    yield "| what | with | today | tfdb | less by |"
+    yield "| what | compared with | theirs | tfdb | factor |"
     yield "|---|---|---|---|---|"
     yield from filter(None, (each.line(results) for each in FELT))
 
