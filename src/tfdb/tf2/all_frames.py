@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 # Valid YAML keys without quotes, which YAML does not read as a number or a keyword.
 PLAIN = re.compile(r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z_][\w./-]*", re.I)
-# Line ends and invalid characters of YAML; DOT ends at the first of them.
+# Line ends and invalid characters in YAML; a DOT file ends at the first of these.
 ESCAPED = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]")
 LONGEST_KEY = 1000  # characters; YAML allows a little more before the colon of a line
-SHORTEST = 0.0001  # s; so that one sample has a rate, too
+SHORTEST = 0.0001  # seconds, so that a single sample also has a rate
 
 
 def _escape(found: re.Match[str]) -> str:

@@ -419,7 +419,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
             return available
         hold(there)
         if store.history is None or not 0 < stamp <= LAST_STAMP:
-            return None  # it stays in the cache forever
+            return None  # the static transform stays forever
         gone_at = min(stamp + round(store.history * SECOND) + 1, LAST_STAMP)
         gone = waiting.begin(
             store, lambda: store._begin_wait_as_new(*frames, gone_at), told(failure)
@@ -462,7 +462,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         held.append(wait)
         if limit is not None:
             held.append(self._timer(question, ask, limit, future, loop, wait))
-            if future.done():  # it ended before the timer existed
+            if future.done():  # the future ended before the timer existed
                 release()
         return future
 

@@ -103,10 +103,10 @@ class BufferCore(CoreCalls):
             if length < 0:
                 text = f"cache_time must not be negative, got {length} ns"
                 raise InvalidArgumentException(text, value=cache_time)
-        # With a length of 0 tf2 keeps the newest sample alone, and 1 ns does the same.
+        # With length 0, tf2 keeps only the newest sample; 1 ns has the same effect.
         self._buffer = _core.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
         self._flavor_known = False
-        self._normalized: set[tuple[str, str]] = set()  # edges of which a warning was logged
+        self._normalized: set[tuple[str, str]] = set()  # edges with a logged warning
 
     @property
     def buffer(self) -> _core.Buffer:

@@ -321,7 +321,7 @@ def _from(source: str, alias: ast.alias) -> dict[str, Any]:
     if alias.name == "*":
         public = (name for name in vars(module) if not name.startswith("_"))
         return {name: getattr(module, name) for name in getattr(module, "__all__", public)}
-    if not hasattr(module, alias.name):  # it may be a module that was not imported yet
+    if not hasattr(module, alias.name):  # the name may be a module that was not imported yet
         return {alias.asname or alias.name: import_module(f"{source}.{alias.name}")}
     return {alias.asname or alias.name: getattr(module, alias.name)}
 

@@ -23,7 +23,7 @@ def offer_frame_graph(core: BufferCore, node: Node) -> Service | None:
         return node.serve(
             name, "tf2_msgs/FrameGraph", lambda _: _response(core.all_frames_as_yaml(), encoding)
         )
-    except (InvalidArgument, NotSupported):  # the latter: a node without services
+    except (InvalidArgument, NotSupported):  # NotSupported: a node without services
         return None
 
 

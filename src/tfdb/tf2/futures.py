@@ -34,7 +34,7 @@ class _Awaited:
         try:
             loop = asyncio.get_running_loop()
         except RuntimeError:
-            # As rclpy's own: a coroutine in its executor is resumed until this has ended.
+            # As in rclpy's future: its executor resumes the coroutine until the future has ended.
             while not self.done() and not self.cancelled():
                 yield
         else:

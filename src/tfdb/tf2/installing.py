@@ -55,7 +55,7 @@ def install() -> None:
         )
     sys.modules.update(made)
     sys.meta_path.insert(0, finder)
-    # Whether there are messages of a ROS may have been looked at before.
+    # The search for installed ROS messages may be cached.
     ros_messages.clear_import_caches()
 
 
@@ -66,7 +66,7 @@ class _Finder(MetaPathFinder, Loader):
         self.statements = dict(statements)
         """Import statements of each module, by its name."""
         real = PathFinder.find_spec("tf")
-        # What is not found here is looked for there: generated messages.
+        # Other submodules, such as generated messages, are searched there.
         self._real_tf = list(real.submodule_search_locations or ()) if real else []
         if self._real_tf:
             del self.statements["tf.msg"]

@@ -56,7 +56,7 @@ CODES: dict[int, type[TransformException]] = {
     4: InvalidArgumentException,
     5: TimeoutException,
     TRANSFORM_ERROR: TransformException,
-    # Of ROS 2's C++ alone; the message does not name them.
+    # These codes exist only in ROS 2's C++, not in the message.
     7: BackwardExtrapolationException,
     8: ForwardExtrapolationException,
     9: NoDataForExtrapolationException,

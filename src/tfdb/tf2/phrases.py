@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from tfdb.ros.times import Flavor
 
 SECOND = 1_000_000_000
-UNITS = {3: 1_000_000, 6: 1_000, 9: 1}  # nanoseconds of the last of so many digits
+UNITS = {3: 1_000_000, 6: 1_000, 9: 1}  # nanoseconds of the last digit, by number of digits
 FORMS = {digits: f"%d.%0{digits}d" for digits in UNITS}
 REASONS = "http://wiki.ros.org/tf/Errors%20explained"
 

@@ -114,7 +114,7 @@ class BufferWriter:
             "change_kind": not ros1,
             "only_new": ros1 and not static,
         }
-        # Made once: less to do for each of many messages.
+        # Created once, to save time for each message.
         self._ingest: Any = partial(
             _core.ingest_members, core.buffer, encoding=node.encoding, **rules
         )
@@ -141,7 +141,8 @@ class BufferWriter:
                 refusals.log_unread(transform, authority)
                 lost += 1
                 continue
-            # Asked again by itself it is refused in tf2's words, or is of ROS 1's other kind.
+            # Stored again alone, it is refused with tf2's text, or stored by ROS 1's rules for
+            # kinds.
             lost += not self._core._set(transform, authority, static=self._static)
             if member.error == "TooOld":
                 self._log_future_stamp(transform.child_frame_id)

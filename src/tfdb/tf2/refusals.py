@@ -97,7 +97,7 @@ class Write:
             raise TypeError("header.frame_id and child_frame_id must be str")
         names = (parent.removeprefix("/"), child.removeprefix("/"))
         write = cls(*names, nanoseconds(stamp), translation, rotation, authority)
-        if rotation is None:  # a store takes none for not rotated
+        if rotation is None:  # a store reads a missing rotation as the identity
             write.check_members()
         return write
 

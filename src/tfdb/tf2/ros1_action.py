@@ -40,10 +40,13 @@ LOGGER = logging.getLogger("tfdb.tf2")
 ACTION = "tf2_msgs/LookupTransformAction"
 GOAL_ID, STATUS_LIST = "actionlib_msgs/GoalID", "actionlib_msgs/GoalStatusArray"
 ACTIVE, PREEMPTED, SUCCEEDED, RECALLING, RECALLED = 1, 2, 3, 7, 8
-STATUS_PERIOD, KEPT = 0.2, 5.0  # seconds: between statuses, and of a goal's after its end
+STATUS_PERIOD, KEPT = (
+    0.2,
+    5.0,
+)  # seconds between statuses, and seconds for which an ended goal is listed
 QUEUE = 50
-# Nanoseconds between a goal and its result: actionlib's client in Python drops a result that comes
-# before its send_goal has returned, and then waits for it in vain.
+# Least nanoseconds between a goal and its result. actionlib's Python client drops a result that
+# arrives before its send_goal has returned, and then waits forever.
 NOT_BEFORE = 10_000_000
 BEFORE_CANCEL = (
     "This goal handle was canceled by the action server because its timestamp is before the"
@@ -107,7 +110,7 @@ class Ros1Server:
         self._on_goal, self._on_cancel = on_goal, on_cancel
         self._results = node.advertise(f"{name}/result", f"{ACTION}Result", depth=QUEUE)
         self._statuses = node.advertise(f"{name}/status", STATUS_LIST, latched=True, depth=QUEUE)
-        # Nothing is said there, and clients wait until it is.
+        # This topic has no messages, but clients wait until it exists.
         feedback = node.advertise(f"{name}/feedback", f"{ACTION}Feedback", depth=QUEUE)
         self._open = [
             node.subscribe(f"{name}/goal", f"{ACTION}Goal", self._take_goal),
@@ -153,7 +156,7 @@ class Ros1Server:
                 self._goals[goal_id.id] = goal
             cancelled = 0 < goal_id.stamp <= self._last_cancel
         if there is not None:
-            # It came twice, or after the wish to cancel it.
+            # The goal came twice, or after its cancellation.
             if there.status.status == RECALLING:
                 self.end(there, RECALLED, LookupResult())
         elif cancelled:
@@ -223,8 +226,8 @@ class Ros1Client:
         self._node = node
         self._changed = threading.Condition()
         self._waiting: dict[str, Callable[[LookupResult | None], None]] = {}
-        self._server = ""  # the node whose status came last
-        # The nodes of ROS 1 say who is connected.
+        self._server = ""  # the node that sent the last status
+        # ROS 1 nodes report their connected peers.
         self._goals: Any = node.advertise(f"{name}/goal", f"{ACTION}Goal", depth=QUEUE)
         self._cancels: Any = node.advertise(f"{name}/cancel", GOAL_ID, depth=QUEUE)
         self._results: Any = node.subscribe(f"{name}/result", f"{ACTION}Result", self._on_result)

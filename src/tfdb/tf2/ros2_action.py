@@ -62,7 +62,7 @@ class _ServerGoal:
             was_over, self._is_over = self._is_over, True
         if not was_over:
             self._change_state, self._result = change_state, result
-            # It comes back as `execute`, in a task; until then the goal stands as accepted.
+            # rclpy calls `execute` in a task; until then the goal counts as accepted.
             self._handle.execute()
 
     def execute(self) -> Any:
@@ -103,7 +103,7 @@ class Ros2Server:
             goal = self._goals.get(bytes(handle.goal_id.uuid))
             if goal is None:
                 return CancelResponse.REJECT
-            # Once rclpy has noted the wish.
+            # After rclpy has processed the cancellation.
             node.executor.create_task(on_cancel, goal)
             return CancelResponse.ACCEPT
 
@@ -206,7 +206,7 @@ class Ros2Client:
         if executor is None:
             send()
         else:
-            # Else its thread might take the answer before rclpy has noted the question.
+            # Otherwise its thread might receive the answer before rclpy has stored the request.
             executor.create_task(send)
         return sent
 

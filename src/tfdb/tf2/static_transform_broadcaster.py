@@ -43,7 +43,7 @@ class _Latched:
         self._publisher.close()
 
 
-# A node of ROS 1 latches one message on a topic, so that all its broadcasters share it.
+# A ROS 1 node latches one message per topic, so all broadcasters of a node share it.
 _latched: WeakValueDictionary[Node, _Latched] = WeakValueDictionary()
 _lock = threading.Lock()
 

@@ -86,7 +86,7 @@ class TransformListener:
     _lock: threading.Lock
     _open: list[Any]
     _spinning: Any
-    # A subclass may leave `__init__` out.
+    # A subclass may omit `super().__init__()`.
     _node: Node | None = None
     _clock: Node | None = None
     _now = 0
@@ -152,7 +152,7 @@ class TransformListener:
     def buffer(self, buffer: Any) -> None:
         self._buffer = buffer
         node = self._node
-        if node is None:  # a subclass subscribes by itself
+        if node is None:  # a subclass subscribes itself
             return
         if isinstance(buffer, BufferCore) and buffer._flavor is None:
             buffer._set_flavor(node.flavor)
@@ -189,7 +189,7 @@ class TransformListener:
         self._stop()
         if self._spinning is not None and not self._spinning.has_node:
             self._spinning.close()
-        if self._node is None:  # a subclass subscribed by itself
+        if self._node is None:  # a subclass has subscribed itself
             for subscription in (self.tf_sub, self.tf_static_sub):
                 if hasattr(subscription, "unregister"):
                     subscription.unregister()

@@ -116,5 +116,5 @@ class TransformableRequests:
 def _logged(function: Callable[..., object], *arguments: Any) -> None:
     try:
         function(*arguments)
-    except Exception:  # the next one is called all the same
+    except Exception:  # the next function is called nevertheless
         LOGGER.exception("a callback of a transformable request raised")

@@ -41,7 +41,7 @@ STAMPED = ("PointStamped", "PoseStamped", "PoseWithCovarianceStamped", "Vector3S
 
 
 def __getattr__(name: str) -> Any:
-    # Made of the installed messages, which take long to import.
+    # Made on demand from installed messages, because their import takes long.
     if name == "MsgStamped":
         return Union[(*map(message_class, STAMPED), _installed_class("sensor_msgs", "PointCloud2"))]
     if name == "TransformableObject":

@@ -40,7 +40,7 @@ belong_to(__name__, globals(), _OWN)
 
 
 def __getattr__(name: str) -> Any:
-    # It needs a package that may be missing.
+    # `transformations` needs a package that may be missing.
     if name == "transformations":
         return import_module(".transformations", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

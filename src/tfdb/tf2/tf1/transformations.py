@@ -59,7 +59,7 @@ superimposition_matrix: Function = wxyz.superimposition_matrix
 euler_matrix: Function = wxyz.euler_matrix
 euler_from_matrix: Function = wxyz.euler_from_matrix
 random_rotation_matrix: Function = wxyz.random_rotation_matrix
-# The package's compiled function leaves out which of the two points is in front.
+# The package's compiled function ignores which of the two points is in front.
 arcball_constrain_to_axis: Function = getattr(
     wxyz, "arcball_constrain_to_axis_py", wxyz.arcball_constrain_to_axis
 )
@@ -87,7 +87,7 @@ def scale_matrix(
 ) -> Array:
     """Return the matrix (4, 4) that scales by a factor about an origin, in one direction or all."""
     if direction is not None:
-        # The package's compiled function takes it for one of length one.
+        # The package's compiled function assumes unit length.
         direction = wxyz.unit_vector(np.asarray(direction, dtype=np.float64)[:3])
     found: Array = wxyz.scale_matrix(factor, origin, direction)
     return found
