@@ -163,7 +163,7 @@ def test_refused_messages(tool: Tool, maker: BagMaker) -> None:
     assert {finding["kind"] for finding in body["findings"]} == {"refused"}
     for command in ("info", "gaps"):
         assert (
-            "2 transforms refused, nothing stored of 3 messages; 'tfdb check' says why"
+            "2 transforms refused, nothing stored of 3 messages; 'tfdb check' lists the reasons"
             in tool(command, path).out
         )
 

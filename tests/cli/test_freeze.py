@@ -65,7 +65,7 @@ def test_freeze_refuses_wrong_arguments(tool: Tool, drive: Path, frozen: Path) -
     assert "cannot be combined with other files" in tool("info", frozen, drive, code=2).error
     assert "--topic is valid for recordings" in tool("info", frozen, "--topic", "/tf", code=2).error
     assert "is valid for live stores" in tool("check", frozen, "--for", "1", code=2).error
-    assert "say where to write" in tool("freeze", "shm:none", code=2).error
+    assert "has no folder: give -o" in tool("freeze", "shm:none", code=2).error
     said = tool("freeze", drive, "-o", drive.with_suffix(".db3"), code=2).error
     assert ".db3' must end in .tfdb" in said
 

@@ -52,7 +52,7 @@ def command(
     inputs = () if live else common.find_paths(files)
     if out is None:
         if live:
-            raise click.UsageError(f"{files[0]} has no folder: say where to write with -o OUT.tfdb")
+            raise click.UsageError(f"{files[0]} has no folder: give -o OUT.tfdb")
         first = check_path(files[0])
         first = first if first.name.strip(".") else first.resolve()
         out = str(first.with_name(first.name if first.is_dir() else first.stem)) + SUFFIX

@@ -231,7 +231,7 @@ def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
     """Wait until a signal ends the command. Raises NodeClosed if the node ends before."""
     ended.wait()
     text = f"the node {node.name} was stopped from outside"
-    raise tfdb.errors.NodeClosed(text, reason="ended by somebody else")
+    raise tfdb.errors.NodeClosed(text, reason="stopped from outside")
 
 
 @contextmanager

@@ -215,7 +215,7 @@ def say_refused(out: Console, report: LoadReport | None) -> None:
     """Print the counts of refused messages and transforms, if any were refused."""
     if report and report.refused_edges:
         counts = refused_counts(report.refused, report.refused_transforms)
-        out.print(wrap(words(f"{counts}; 'tfdb check' says why")), style="red")
+        out.print(wrap(words(f"{counts}; 'tfdb check' lists the reasons")), style="red")
 
 
 def refused_counts(messages: int, transforms: int) -> str:

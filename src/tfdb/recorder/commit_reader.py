@@ -204,7 +204,7 @@ def _messages(
             if not salvage:
                 cut = isinstance(error, EndOfFile)
                 what = "cut short" if cut else f"damaged, or no MCAP file: {error}"
-                reason = f"{what}: salvage=True (--salvage) reads as far as it goes"
+                reason = f"{what}: salvage=True (--salvage) reads as far as possible"
                 raise RecordingError(path, reason) from error
     if not begun:
         reason = f"has no {STATE}, with which tfdb.Recorder begins a file: use tfdb.load"

@@ -39,7 +39,7 @@ Payload: TypeAlias = "tuple[int, int, bytes]"
 Surveyed: TypeAlias = "tuple[dict[int, int], bool, Iterator[Recorded]]"
 Survey: TypeAlias = "Callable[[Collection[int], Callable[[int], None]], Surveyed]"
 
-SALVAGE = "salvage=True (--salvage) reads as far as it goes"
+SALVAGE = "salvage=True (--salvage) reads as far as possible"
 NO_START = 2**63 - 1
 
 _TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
