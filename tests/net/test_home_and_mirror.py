@@ -484,6 +484,27 @@ def test_a_writer_at_full_speed_does_not_wait(links: Links) -> None:
         assert home.stats.commits + home.stats.lapped == source.commit
 
 
+@pytest.mark.parametrize("has_local_frame", [False, True])
+def test_a_mirror_ends_if_its_store_becomes_the_home(links: Links, has_local_frame: bool) -> None:
+    source, spare = tfdb.Buffer(), tfdb.Buffer()
+    source.set_static_transform("map", "base", *pose(1))
+    with (
+        new_home(source, links()),
+        Mirror(spare, NAME, links()) as mirror,
+        Mirror(spare, NAME, links()) as other,
+    ):
+        for each in (mirror, other):
+            each.wait_until_live(LONGEST)
+        if has_local_frame:
+            spare.set_static_transform("base", "tool", *pose(2))
+        with mirror.promote(), other.events() as events:
+            spare.set_static_transform("map", "base", *pose(3))
+            wait_for(events, "ended")
+            assert isinstance(other.error, tfdb.InvalidArgument)
+            assert f"the home of '{NAME}' publishes this same store" in str(other.error)
+            spare.set_static_transform("map", "base", *pose(4))
+
+
 def test_a_shared_store_does_not_follow_itself(links: Links, store_name: str) -> None:
     with (
         tfdb.Buffer.open(store_name, size=1 << 25) as store,

@@ -583,8 +583,12 @@ public:
     }
     /// Whether position and sample belong to one copy.
     [[nodiscard]] bool goes_on() const { return is_same_epoch() && choice_ == position_->choice; }
-    /// Throws Fenced, OutOfOrder.
+    /// Throws Fenced, InvalidArgument, OutOfOrder.
     void check() const {
+        if (is_same_epoch() && position_->choice == Positions::kReleased) {
+            throw InvalidArgument("the home of " + quoted(source_) +
+                                  " publishes this same store: mirror it into another store");
+        }
         if (position_ && sample_.epoch < position_->epoch) {
             throw Fenced("epoch " + text_of(sample_.epoch) + " of source " + quoted(source_) +
                              " has ended: commits of epoch " + text_of(position_->epoch) +
