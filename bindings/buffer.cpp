@@ -520,6 +520,7 @@ void bind_buffer(nb::module_& module) {
     bind_writes(type);
     bind_changes(type);
     bind_commits(type);
+    bind_applier(module, type);
     bind_waits(type);
     bind_wire(module, type);
     bind_transaction(module, type);

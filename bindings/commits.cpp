@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "bytes_like.hpp"
+#include "commits.hpp"
 #include "errors.hpp"
 #include "reads.hpp"
 #include "records.hpp"
@@ -42,11 +43,6 @@ Epoch epoch_of(nb::handle record) {
         return value;
     };
     return {count_of(number, "number", 0, std::uint64_t{1} << 63), half(0), half(8)};
-}
-
-nb::object position_record(const Position& position) {
-    return record_type("Position")(str_of_name(position.source), epoch_record(position.epoch),
-                                   position.commit, str_of_name(position.prefix));
 }
 
 nb::bytes commits_bytes(BufferObject& self, nb::handle since, nb::handle max_commits,
@@ -92,45 +88,17 @@ nb::bytes state_bytes_as(BufferObject& self, nb::handle source) {
     return bytes_of(bytes);
 }
 
-/// Warns of each frame whose local parent was lost. Two sources of a shared frame may dispute it in
-/// each commit: of such a frame it warns once.
-void warn_of_lost(BufferObject& self, Applied applied, std::string_view source) {
-    for (std::string& frame : applied.disputed) {
-        if (self.warned.is_new(ErrorCode::kReadOnly, frame))
-            applied.replaced.push_back(std::move(frame));
-    }
-    for (const std::string& frame : applied.replaced) {
-        const nb::object text =
-            escaped("frame '" + frame + "' lost the parent that was stored here: source '" +
-                    std::string(source) +
-                    "' stores another parent, or made the frame an ancestor of that one");
-        const nb::object kind = nb::module_::import_("tfdb.data.errors").attr("TfdbWarning");
-        if (PyErr_WarnFormat(kind.ptr(), 1, "%U", text.ptr()) != 0)
-            throw nb::python_error();
-    }
-}
-
 nb::object apply(BufferObject& self, nb::handle data, nb::handle source, nb::handle prefix,
                  nb::handle shared) {
     const BytesLike bytes(data, "data");
-    const FrameNames unprefixed(shared);
-    ApplyOptions options;
-    options.source = name_of(source, "source");
-    options.prefix = name_of(prefix, "prefix");
-    options.shared = unprefixed.views();
-    for (const std::string_view text : {options.source, options.prefix}) {
-        if (text.size() > kMaxNameBytes) {
-            throw InvalidArgument("source and prefix have at most 1024 bytes, not " +
-                                  std::to_string(text.size()));
-        }
-    }
+    const AppliedOptions options(source, prefix, shared);
     Applied applied;
     {
         const LongWork work(true);
-        applied = self.open_store().apply(bytes.bytes(), options);
+        applied = self.open_store().apply(bytes.bytes(), options.get());
     }
     nb::object position = position_record(applied.position);
-    warn_of_lost(self, std::move(applied), options.source);
+    warn_of_lost(self, std::move(applied), options.get().source);
     return position;
 }
 
@@ -281,6 +249,27 @@ newest
 Raises SnapshotTooOld, SnapshotClosed; InvalidName for a name that no frame can have.)";
 
 }  // namespace
+
+nb::object position_record(const Position& position) {
+    return record_type("Position")(str_of_name(position.source), epoch_record(position.epoch),
+                                   position.commit, str_of_name(position.prefix));
+}
+
+void warn_of_lost(BufferObject& self, Applied applied, std::string_view source) {
+    for (std::string& frame : applied.disputed) {
+        if (self.warned.is_new(ErrorCode::kReadOnly, frame))
+            applied.replaced.push_back(std::move(frame));
+    }
+    for (const std::string& frame : applied.replaced) {
+        const nb::object text =
+            escaped("frame '" + frame + "' lost the parent that was stored here: source '" +
+                    std::string(source) +
+                    "' stores another parent, or made the frame an ancestor of that one");
+        const nb::object kind = nb::module_::import_("tfdb.data.errors").attr("TfdbWarning");
+        if (PyErr_WarnFormat(kind.ptr(), 1, "%U", text.ptr()) != 0)
+            throw nb::python_error();
+    }
+}
 
 void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type) {
     type.def("commits_bytes", &commits_bytes, nb::arg("since").none(), nb::kw_only(),

@@ -380,8 +380,6 @@ Each call on a Buffer is answered from one fresh snapshot; each call on a Snapsh
     bind_snapshot(module);
 }
 
-/// A thread that Python did not start has a new state for each call of Python, with a stack that is
-/// mapped and unmapped. This state stays until the thread ends.
 void keep_thread_state() {
     thread_local bool is_kept = false;
     if (!is_kept)
@@ -414,8 +412,6 @@ void bind_helpers(nb::module_& module) {
                 "missing: bool = False) -> numpy.typing.NDArray[numpy.float64]"),
         "Poses (N, 7) of matrices (N, 4, 4), w not below 0; NaN of those that are NaN as a "
         "whole, if they may be missing. Raises InvalidArray, InvalidTransform with `index`.");
-    module.def("keep_thread_state", &keep_thread_state, nb::sig("def keep_thread_state() -> None"),
-               "Make later calls from this thread cheaper, if another library started it.");
     module.def("adopt_classes", &adopt_classes, nb::arg("buffer"), nb::arg("snapshot"),
                nb::arg("transaction"),
                nb::sig("def adopt_classes(buffer: type[Buffer], snapshot: type[Snapshot], "

@@ -155,6 +155,11 @@ private:
     Clock::time_point next_;
 };
 
+/// Makes later calls of Python from this thread cheaper, if another library started it. Such a
+/// thread has a new state for each call, with a stack that is mapped and unmapped. From now on the
+/// state stays until the thread ends.
+void keep_thread_state();
+
 /// A wait, without the GIL, that a signal ends at once.
 /// Threads: as LongWork. Guarantee: none.
 class Waiting {
@@ -249,6 +254,7 @@ void bind_records(nb::class_<StoreReaderObject>& type);
 void bind_buffer(nb::module_& module);
 void bind_changes(nb::class_<BufferObject, StoreReaderObject>& type);
 void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type);
+void bind_applier(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
 void bind_state_bytes(nb::class_<SnapshotObject, StoreReaderObject>& type);
 void bind_clock(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);
 void bind_watch(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>& type);

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.appliers import use_appliers
+
 ROOT = Path(__file__).resolve().parent.parent
 
 # Fixed seeds: a run that failed once fails again, and the failing example is printed.
@@ -45,3 +47,10 @@ def shared_data() -> Path:
     if os.environ.get("CI") == "true":
         pytest.fail(reason)
     pytest.skip(reason)
+
+
+@pytest.fixture(params=["apply", "applier"])
+def by_both_appliers(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a test by `Buffer.apply`, and by appliers that stay from one sample to the next."""
+    if request.param == "applier":
+        use_appliers(monkeypatch)

@@ -17,6 +17,8 @@ from .test_changes import NAMES, SEEDS, Writer, assert_same, pose
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.usefixtures("by_both_appliers")
+
 KEEP = "local"
 
 

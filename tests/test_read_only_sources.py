@@ -20,6 +20,8 @@ from tfdb.net.messages import in_epoch
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+pytestmark = pytest.mark.usefixtures("by_both_appliers")
+
 S = 1_000_000_000
 
 

@@ -418,14 +418,13 @@ def _mirrored_fleet(results: Results, effort: Effort, interpreter: Path) -> None
         with ExitStack() as stack:
             homes, mirrors = _workers(stack, "tfdb_net", interpreter, 2)
             endpoint = _free_endpoint()
-            homes.call("publish_fleet", endpoint, count)
-            homes.call("commit_fleet")
+            homes.call("publish", endpoint, count, 10)
             before = mirrors.call("threads")
-            mirrors.call("mirror_fleet", endpoint, count)
+            mirrors.call("mirror", endpoint, count)
             threads[title] = [mirrors.call("threads") - before]
-            homes.begin("commit_fleet", 10)
+            homes.begin("commit", 10)
             for _ in range(min(effort.rounds, 5)):
-                percent, commits = mirrors.call("used_by_fleet", seconds)
+                percent, commits = mirrors.call("used_by_mirrors", seconds)
                 used.setdefault(title, []).append(percent)
                 applied.setdefault(title, []).append(commits)
             homes.end()
@@ -462,19 +461,23 @@ def _flood(
     """Return how many commits per second one process applied, in each round."""
     rates: list[float] = []
     with ExitStack() as stack:
-        sender, mirrors = _workers(stack, "tfdb_flood", interpreter, 2)
+        sender, mirrors = _workers(stack, "tfdb_net", interpreter, 2)
         endpoint = _free_endpoint()
         sender.call("publish", endpoint, homes, edges)
         mirrors.call("mirror", endpoint, homes)
         sender.call("fall_silent")
-        for _ in range(min(effort.rounds, 5)):
-            sender.call("prepare", messages, group)
+        last = 1
+        # First until the histories are full.
+        warm = [(11, 10)] if effort.samples >= Effort.samples else []
+        for count, size in [*warm, *[(messages, group)] * min(effort.rounds, 5)]:
+            sender.call("prepare", count, size)
             sender.call("flood")
-            rates.append(mirrors.call("catch", 1 + (len(rates) + 1) * messages * group))
+            last += count * size
+            rates.append(mirrors.call("catch", last))
             sender.call("flooded")
         mirrors.call("leave")
         sender.call("leave")
-    return rates
+    return rates[len(warm) :]
 
 
 def _late(results: Results, effort: Effort, interpreter: Path) -> None:
@@ -488,7 +491,7 @@ def _late(results: Results, effort: Effort, interpreter: Path) -> None:
         (found, "publish", homes, 1),
     ):
         with ExitStack() as stack:
-            home, late = _workers(stack, "tfdb_flood", interpreter, 2)
+            home, late = _workers(stack, "tfdb_net", interpreter, 2)
             endpoint = _free_endpoint()
             home.call(function, endpoint, *numbers)
             for _ in range(min(effort.rounds, 5)):
@@ -506,7 +509,7 @@ def _sent(results: Results, effort: Effort, interpreter: Path) -> None:
     rates: Rounds = {"written": [], "sent": []}
     name = f"measure-home-{os.getpid()}"
     with ExitStack() as stack:
-        home, writer = _workers(stack, "tfdb_flood", interpreter, 2)
+        home, writer = _workers(stack, "tfdb_net", interpreter, 2)
         home.call("publish_shared", _free_endpoint(), name)
         stack.callback(home.call, "unlink", name)
         for _ in range(min(effort.rounds, 5)):
@@ -537,14 +540,15 @@ def _mirrored(results: Results, effort: Effort, interpreter: Path) -> None:
             for worker in (home, mirror, rival):
                 stack.callback(worker.call, "leave")
             endpoint = _free_endpoint()
-            home.call("publish", endpoint, max_delay)
-            home.call("commit")
-            mirror.call("mirror", endpoint)
-            key = "tfdb/1/robot1/log" if row == "CPU" else "tfdb_measure/raw"
-            rival.call("hear", endpoint, key)
-            home.begin("commit" if row == "CPU" else "commit_and_put", 1000)
-            if row == "delay":
-                mirror.call("watch")
+            home.call("publish", endpoint, 1, 10, max_delay)
+            if row == "CPU":
+                mirror.call("mirror", endpoint, 1)
+                rival.call("hear", endpoint, "tfdb/1/robot0/log")
+                home.begin("commit", 1000)
+            else:
+                mirror.call("mirror_and_note", endpoint)
+                rival.call("hear", endpoint, "tfdb_measure/raw")
+                home.begin("commit_and_put", 1000)
                 time.sleep(seconds)
                 delays["mirror"] = _percentiles(mirror.call("delays_ms"))
                 delays["Zenoh alone"] = _percentiles(rival.call("delays_ms"))

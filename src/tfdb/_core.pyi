@@ -1043,6 +1043,9 @@ class NativeBuffer(StoreReader):
         The store's epoch: a new store has a later one. Its commits are numbered in it.
         """
 
+    def _applier(self, source: str, prefix: str, shared: Iterable[str]) -> Applier:
+        """Return an object that applies messages of one source."""
+
     def wait_for_transform(
         self,
         target: str,
@@ -1306,6 +1309,35 @@ class NativeBuffer(StoreReader):
     @property
     def frozen(self) -> tfdb.types.Frozen | None:
         """Facts about a frozen store; None if the store is not frozen."""
+
+class Applier:
+    """Applies messages of one source."""
+
+    def __init__(self) -> None: ...
+
+    def apply(self, data: bytes) -> tfdb.types.Position:
+        """Apply commits or a state, as Buffer.apply does."""
+
+    def take(self, data: bytes) -> bool:
+        """
+        Apply commits that begin as `follow` demands, without waiting for `apply`.
+
+        Returns False if not all of them are applied: `apply` then raises the reason.
+        """
+
+    def follow(self, front: bytes | None) -> None:
+        """Set how bytes begin that `take` applies. None: it applies none."""
+
+    def taken(self) -> tuple[int, float] | None:
+        """
+        Return the bytes that `take` has applied since the last call, and the time.
+
+        The time is of the last ones, in seconds as of time.monotonic(). None: nothing.
+        """
+
+    @property
+    def position(self) -> tfdb.types.Position | None:
+        """The source's position in the store. None: nothing was applied."""
 
 class Recorded:
     """Messages of a recording, outside of Python."""
@@ -2302,11 +2334,6 @@ def pose_parts(parent: str, child: str, translation: Any, rpy: Any, wxyz: Any) -
 def poses_of_matrices(matrices: numpy.typing.ArrayLike, missing: bool = False) -> numpy.typing.NDArray[numpy.float64]:
     """
     Poses (N, 7) of matrices (N, 4, 4), w not below 0; NaN of those that are NaN as a whole, if they may be missing. Raises InvalidArray, InvalidTransform with `index`.
-    """
-
-def keep_thread_state() -> None:
-    """
-    Make later calls from this thread cheaper, if another library started it.
     """
 
 def adopt_classes(buffer: type[Buffer], snapshot: type[Snapshot], transaction: type[Transaction]) -> None:

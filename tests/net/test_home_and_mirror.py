@@ -505,6 +505,35 @@ def test_a_mirror_ends_if_its_store_becomes_the_home(links: Links, has_local_fra
             spare.set_static_transform("map", "base", *pose(4))
 
 
+def test_counts_and_position_include_the_newest_messages(links: Links) -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 1, *pose(1))
+    with new_home(source, links()), Mirror(copy, NAME, links()) as mirror:
+        mirror.wait_until_live(LONGEST)
+        before = mirror.stats
+        for stamp in range(2, 102):
+            source.set_transform("map", "base", stamp, *pose(stamp))
+        wait_for_commit(mirror, source.commit)
+        stats = mirror.stats
+        assert stats.commits - before.commits == 100
+        assert stats.bytes > before.bytes
+        assert (stats.lag, stats.refused, stats.gaps) == (0, 0, before.gaps)
+        assert mirror.state == "live"
+
+
+@pytest.mark.filterwarnings("error::tfdb.TfdbWarning")
+def test_a_warning_that_raises_ends_the_mirror(links: Links) -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 1, *pose(1))
+    with new_home(source, links()), Mirror(copy, NAME, links()) as mirror:
+        mirror.wait_until_live(LONGEST)
+        copy.set_transform("earth", "map", 1, *pose(2))
+        source.set_transform("odom", "map", 1, *pose(3))
+        with mirror.events() as events:
+            assert "'map' lost the parent" in wait_for(events, "ended").text
+        assert mirror.state == "ended"
+
+
 def test_a_shared_store_does_not_follow_itself(links: Links, store_name: str) -> None:
     with (
         tfdb.Buffer.open(store_name, size=1 << 25) as store,

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstdio>
+#include <memory>
 #include <mutex>
 #include <string>
 #include <utility>
@@ -57,66 +58,102 @@ bool is_only_of(Store& store, std::uint64_t source) {
     return only;
 }
 
-/// A sample of another store, with its frames' names in this store.
-/// Threads: the holder of the commit lock. Guarantee: one call of `commit` is one commit, all or
-/// nothing.
+}  // namespace
+
+/// Applies samples of one source; their frames stay known from one sample to the next.
+/// Threads: one at a time. Guarantee: each commit is one commit here, all or nothing.
 class Applying {
 public:
-    Applying(Store& store, const CommitSample& sample, const ApplyOptions& options)
-        : store_(store), sample_(sample), options_(options), choice_(sample.choice) {
-        if (!options.shared.empty())
-            choice_ |= std::uint64_t{wire::digest_of(options.shared)} << kSharedShift;
-        names_.reserve(sample.names.size());
-        for (const std::string_view name : sample.names) {
-            names_.push_back(is_shared(name) ? std::string(name)
-                                             : std::string(options.prefix).append(name));
-            const std::string& here = names_.back();
-            const char* fault = name_fault(here);
-            if (fault == nullptr && !is_text(here))
-                fault = "is not UTF-8";
-            if (fault != nullptr) {
-                ErrorDetail detail;
-                detail.frame = here;
-                detail.reason = fault;
-                throw InvalidName("frame " + quoted(here) + " of source " + quoted(options.source) +
-                                      " " + fault + kNameRule,
-                                  std::move(detail));
-            }
+    Applying(Store& store, const ApplyOptions& options)
+        : store_(store),
+          source_name_(options.source),
+          prefix_(options.prefix),
+          shared_(options.shared.begin(), options.shared.end()) {
+        if (!shared_.empty())
+            shared_choice_ = std::uint64_t{wire::digest_of(options.shared)} << kSharedShift;
+    }
+
+    [[nodiscard]] Applied apply(std::span<const std::byte> data);
+
+    /// Threads: any. Empty if no commit of the source was applied yet.
+    [[nodiscard]] std::optional<Position> position() {
+        if (record() == 0)
+            record_.store_relaxed(store_.positions.search(source_name_));
+        if (record() == 0)
+            return std::nullopt;
+        return store_.positions.position(record());
+    }
+
+private:
+    struct Known {
+        std::string name;  // without prefix
+        FrameId id = kNoFrame;
+        CommitNumber born = 0;
+    };
+
+    /// Prepares for the commits of a sample, which must outlive them.
+    void start(const CommitSample& sample) {
+        sample_ = &sample;
+        choice_ = sample.choice | shared_choice_;
+        replaced_.clear();
+        disputed_.clear();
+        authors_.clear();
+        const std::size_t count = sample.names.size();
+        known_.resize(count);
+        names_.resize(count);
+        for (std::size_t i = 0; i < count; ++i) {
+            if (known_[i].name != sample.names[i] || names_[i].empty())
+                set_name(i);
         }
         for (const std::string_view authority : sample.authorities) {
             if (authority.size() > kMaxNameBytes || !is_text(authority))
                 throw InvalidName("authority " + quoted(authority) + " of source " +
-                                  quoted(options.source) +
+                                  quoted(source_name_) +
                                   " is not valid: it has at most 1024 bytes of UTF-8");
         }
         for (std::size_t i = 0; i < sample.rows.size(); ++i)
             check_numbers(i);
     }
-
-    /// Empty if no commit of the source was applied yet.
-    [[nodiscard]] std::optional<Position> position() {
-        if (record_ != 0)
-            return store_.positions.position(record_);
-        record_ = store_.positions.find(options_.source);
-        if (record_ == 0)
-            return std::nullopt;
-        if (const std::string prefix = store_.positions.prefix(record_);
-            prefix != options_.prefix) {
-            throw InvalidArgument("source " + quoted(options_.source) +
-                                  " was applied with prefix " + quoted(prefix) + ", not " +
-                                  quoted(options_.prefix));
+    void set_name(std::size_t i) {
+        const std::string_view name = sample_->names[i];
+        names_[i].clear();  // until it is valid
+        std::string here = is_shared(name) ? std::string(name) : prefix_ + std::string(name);
+        const char* fault = name_fault(here);
+        if (fault == nullptr && !is_text(here))
+            fault = "is not UTF-8";
+        if (fault != nullptr) {
+            ErrorDetail detail;
+            detail.frame = here;
+            detail.reason = fault;
+            throw InvalidName("frame " + quoted(here) + " of source " + quoted(source_name_) + " " +
+                                  fault + kNameRule,
+                              std::move(detail));
         }
-        return store_.positions.position(record_);
+        known_[i] = {std::string(name)};
+        names_[i] = std::move(here);
     }
 
-    /// The sample's selection of its source's frames. Samples with another choice belong to another
-    /// copy.
-    [[nodiscard]] std::uint64_t choice() const { return choice_; }
+    /// Empty if no commit of the source was applied yet. Under the commit lock.
+    [[nodiscard]] std::optional<Position> checked_position() {
+        if (is_checked_)
+            return store_.positions.position(record());
+        record_.store_relaxed(store_.positions.find(source_name_));
+        if (record() == 0)
+            return std::nullopt;
+        if (const std::string prefix = store_.positions.prefix(record()); prefix != prefix_) {
+            throw InvalidArgument("source " + quoted(source_name_) + " was applied with prefix " +
+                                  quoted(prefix) + ", not " + quoted(prefix_));
+        }
+        is_checked_ = true;
+        return store_.positions.position(record());
+    }
+    [[nodiscard]] Positions::Record record() const { return record_.load_relaxed(); }
+
     /// Applies one commit of the sample; the position then is `until`.
     void commit(const CommitSample::Commit& commit, CommitNumber until) {
-        if (record_ == 0)
-            record_ = store_.positions.make(options_.source, options_.prefix);
-        source_ = store_.positions.number(record_);
+        if (record() == 0)
+            record_.store_relaxed(store_.positions.make(source_name_, prefix_));
+        source_ = store_.positions.number(record());
         ids_.assign(names_.size(), kNoFrame);
         gone_.assign(names_.size(), kNoFrame);
         cleared_.clear();
@@ -124,27 +161,26 @@ public:
         written_.clear();
         found_.clear();
         left_.clear();
-        is_left_.clear();
         removed_parent_ = kNoFrame;
         may_be_in_use_ = false;
-        const bool is_state = sample_.kind == CommitSample::Kind::kState;
+        const bool is_state = sample_->kind == CommitSample::Kind::kState;
         number_authors();
         StoreCommit made = store_.start_commit_of(source_);
         commit_ = &made;
         if (is_state) {
             // This store was the source's home before.
-            if (const auto before = store_.positions.position(record_);
+            if (const auto before = store_.positions.position(record());
                 before && before->choice == Positions::kReleased)
                 adopt(store_, source_);
             take_away();
         }
-        remove(sample_.names_of(commit.removed));
-        for (const std::uint32_t name : sample_.names_of(commit.passing))
+        remove(sample_->names_of(commit.removed));
+        for (const std::uint32_t name : sample_->names_of(commit.passing))
             pass(name);
-        for (const std::uint32_t name : sample_.names_of(commit.made))
+        for (const std::uint32_t name : sample_->names_of(commit.made))
             (void)frame(name);
-        clear(sample_.names_of(commit.cleared));
-        for (const CommitSample::Edge& edge : sample_.edges_of(commit)) {
+        clear(sample_->names_of(commit.cleared));
+        for (const CommitSample::Edge& edge : sample_->edges_of(commit)) {
             store_edge(edge, authors_[edge.authority]);
             if (is_state)
                 set_late(edge);
@@ -152,7 +188,7 @@ public:
         check_removed();
         break_cycles();
         made.publish([&] {
-            store_.positions.set(record_, sample_.epoch, until, choice_);
+            store_.positions.set(record(), sample_->epoch, until, choice_);
             for (const FrameId id : left_)
                 set_maker(id, is_written_by_other(id) ? SourceWord::writer(source_word(id))
                                                       : source_ | SourceWord::kLeft);
@@ -160,16 +196,20 @@ public:
                 set_maker(id, source_);
         });
         commit_ = nullptr;
+        for (std::size_t i = 0; i < ids_.size(); ++i) {
+            if (ids_[i] != kNoFrame) {
+                known_[i].id = ids_[i];
+                known_[i].born = store_.frames.born(ids_[i]);
+            }
+        }
     }
     [[nodiscard]] Applied applied(Position position) {
         return {std::move(position), std::move(replaced_), std::move(disputed_)};
     }
 
-private:
     /// Whether a name of the sample gets no prefix.
     [[nodiscard]] bool is_shared(std::string_view name) const {
-        return std::find(options_.shared.begin(), options_.shared.end(), name) !=
-               options_.shared.end();
+        return std::find(shared_.begin(), shared_.end(), name) != shared_.end();
     }
     [[nodiscard]] static Pose pose_of(const CommitSample::Row& row) {
         return std::bit_cast<Pose>(row.numbers);
@@ -181,12 +221,12 @@ private:
     }
     [[nodiscard]] const CommitSample::Edge& edge_of(std::size_t row) const {
         const auto behind =
-            std::upper_bound(sample_.edges.begin(), sample_.edges.end(), row,
+            std::upper_bound(sample_->edges.begin(), sample_->edges.end(), row,
                              [](std::size_t at, const auto& edge) { return at < edge.rows.first; });
         return behind[-1];
     }
     void check_numbers(std::size_t i) const {
-        const CommitSample::Row& row = sample_.rows[i];
+        const CommitSample::Row& row = sample_->rows[i];
         const Pose pose = pose_of(row);
         if (is_finite(pose.translation) && is_rotation(pose.rotation) && clock::is_stamp(row.stamp))
             [[likely]]
@@ -204,25 +244,37 @@ private:
         refusals.raise("a sample");
     }
     [[nodiscard]] std::string_view authority_of(const CommitSample::Edge& edge) const {
-        return sample_.authorities[edge.authority];
+        return sample_->authorities[edge.authority];
     }
     /// Call once: numbers are stable.
     void number_authors() {
-        while (authors_.size() < sample_.authorities.size())
-            authors_.push_back(store_.author_number(sample_.authorities[authors_.size()]));
+        while (authors_.size() < sample_->authorities.size())
+            authors_.push_back(store_.author_number(sample_->authorities[authors_.size()]));
     }
 
     [[nodiscard]] FrameId find(std::uint32_t name) {
         if (ids_[name] == kNoFrame)
+            ids_[name] = known(name);
+        if (ids_[name] == kNoFrame)
             ids_[name] = commit_->find_frame(names_[name]);
         return ids_[name];
     }
+    /// The name's frame in an earlier commit, if it still exists.
+    [[nodiscard]] FrameId known(std::uint32_t name) const {
+        const auto& [text, id, born] = known_[name];
+        const bool exists = id != kNoFrame && store_.frames.born(id) == born &&
+                            store_.frames.alive(id, store_.committed()) && !removed_.contains(id);
+        return exists ? id : kNoFrame;
+    }
     [[nodiscard]] FrameId frame(std::uint32_t name) {
         if (ids_[name] == kNoFrame) {
-            const FrameId id = ids_[name] = commit_->frame(names_[name]);
+            FrameId id = known(name);
+            if (id == kNoFrame)
+                id = commit_->frame(names_[name]);
+            ids_[name] = id;
             const std::uint64_t word = source_word(id);
-            const bool is_left = (word & SourceWord::kLeft) != 0 || is_left_.contains(id);
-            if ((SourceWord::maker(word) == 0 || is_left) && !is_shared(sample_.names[name]))
+            const bool is_left = (word & SourceWord::kLeft) != 0 || left_.contains(id);
+            if ((SourceWord::maker(word) == 0 || is_left) && !is_shared(sample_->names[name]))
                 found_.push_back(id);
         }
         return ids_[name];
@@ -249,7 +301,7 @@ private:
     /// The other source whose prefix the frame has, if it stored the frame's samples.
     [[nodiscard]] std::optional<std::string> other_owner(FrameId id) const {
         auto owner = store_.writer_of(id);
-        if (!owner || *owner == options_.source)
+        if (!owner || *owner == source_name_)
             return std::nullopt;
         const std::string prefix = store_.positions.prefix(store_.positions.find(*owner));
         return store_.names.name(id).starts_with(prefix) ? owner : std::nullopt;
@@ -292,8 +344,8 @@ private:
         if (!is_ours || is_written_by_other(id) || has_foreign_child(id) || is_shared_parent(id)) {
             if (is_written_here(id))
                 clear_edge(id);
-            if (is_ours && is_left_.insert(id))
-                left_.push_back(id);
+            if (is_ours)
+                left_.insert(id);
             return;
         }
         may_be_in_use_ |= store_.frames.word(id, history::kChildren).load_relaxed() != 0;
@@ -312,7 +364,7 @@ private:
     }
     /// Whether the frame is shared, and a sample of another writer names it as parent.
     [[nodiscard]] bool is_shared_parent(FrameId id) const {
-        return !options_.shared.empty() && is_shared(store_.names.name(id)) &&
+        return !shared_.empty() && is_shared(store_.names.name(id)) &&
                parents_of_others().contains(id);
     }
     [[nodiscard]] FrameId newest_parent(FrameId id) const {
@@ -329,8 +381,8 @@ private:
     }
 
     /// The frames that samples of other writers name as parents, at any stamp.
-    [[nodiscard]] txn::FrameSet parents_of_others() const {
-        txn::FrameSet parents;
+    [[nodiscard]] txn::FrameList parents_of_others() const {
+        txn::FrameList parents;
         const StoreView view = store_.view(store_.committed());
         for (FrameId id = 0; id < store_.frames.count(); ++id) {
             Track track;
@@ -349,15 +401,15 @@ private:
     /// A frame that lost its samples here and never had any in the state is a different frame. But
     /// a local writer may have removed its local parent: so it stays if samples of others name it.
     void take_away() {
-        std::optional<txn::FrameSet> parents;
-        txn::FrameSet stays;
+        std::optional<txn::FrameList> parents;
+        txn::FrameList stays;
         for (std::uint32_t name = 0; name < names_.size(); ++name) {
             const FrameId id = find(name);
             if (id == kNoFrame)
                 continue;
-            const bool is_bare = name < sample_.edges.size() &&
-                                 sample_.edges[name].rows.count == 0 &&
-                                 !sample_.edges[name].cleared;
+            const bool is_bare = name < sample_->edges.size() &&
+                                 sample_->edges[name].rows.count == 0 &&
+                                 !sample_->edges[name].cleared;
             const bool has_samples = edge(id).has_samples();
             bool goes =
                 is_bare && (has_samples ? is_written_here(id)
@@ -386,7 +438,7 @@ private:
     }
 
     void store_edge(const CommitSample::Edge& edge, std::uint64_t author) {
-        const auto rows = sample_.rows_of(edge);
+        const auto rows = sample_->rows_of(edge);
         const FrameId child = frame(edge.child);
         auto writer = this->edge(child);
         if (rows.empty()) {
@@ -438,7 +490,7 @@ private:
         const FrameId child = ids_[edge.child];
         const auto& late = store_.frames.word(child, history::kLate);
         const bool is_ours =
-            !sample_.rows_of(edge).empty() || (edge.cleared && !this->edge(child).has_samples());
+            !sample_->rows_of(edge).empty() || (edge.cleared && !this->edge(child).has_samples());
         if (!is_ours || late.load_relaxed() == edge.late)
             return;
         (void)commit_->touch(child);
@@ -453,7 +505,7 @@ private:
             return parent;
         }
         may_be_in_use_ = true;
-        if (sample_.kind == CommitSample::Kind::kState)
+        if (sample_->kind == CommitSample::Kind::kState)
             return removed_parent();
         if (gone_[row.parent] == kNoFrame)
             gone_[row.parent] = removed_parent();
@@ -492,7 +544,7 @@ private:
             if (parent != kNoFrame && removed_.contains(parent))
                 throw_fault(frame_in_use(
                     store_.names.name(parent), 0, {store_.names.name(id)},
-                    "source " + quoted(options_.source) +
+                    "source " + quoted(source_name_) +
                         " removes it: store another parent of these, or apply a state of the "
                         "source (state_bytes)"));
         }
@@ -514,7 +566,7 @@ private:
         }
         const CommitSample::Edge& edge = edge_of(cycle.item);
         throw_fault(
-            cycle_fault(view_of(edge, sample_.rows[cycle.item]), cycle.item, authority_of(edge)));
+            cycle_fault(view_of(edge, sample_->rows[cycle.item]), cycle.item, authority_of(edge)));
     }
     /// The local parent of a frame of the source is less than one of another frame, and that is
     /// less than a shared edge of another source.
@@ -535,32 +587,41 @@ private:
         const std::string name = store_.names.name(child);
         throw InvalidArgument("frame " + quoted(name) + " comes from source " + quoted(owner) +
                               ": it must not be a shared frame (shared=) of source " +
-                              quoted(options_.source));
+                              quoted(source_name_));
     }
 
     Store& store_;
-    const CommitSample& sample_;
-    const ApplyOptions& options_;
-    std::vector<std::string> names_;     // in this store
-    std::vector<std::string> replaced_;  // see Applied
-    std::vector<std::string> disputed_;
+    std::string source_name_;
+    std::string prefix_;
+    std::vector<std::string> shared_;
+    std::uint64_t shared_choice_ = 0;
+    sync::Word record_{};
+    bool is_checked_ = false;         // the record's prefix is this one
+    std::vector<std::string> names_;  // in this store, by name; empty: not checked
+    std::vector<Known> known_;        // by name
+    // For the current sample:
+    const CommitSample* sample_ = nullptr;
+    /// The sample's selection of its source's frames. Samples with another choice belong to another
+    /// copy.
+    std::uint64_t choice_ = 0;
     std::vector<std::uint64_t> authors_;  // indexed by the sample's authorities
-    std::uint64_t choice_;
-    Positions::Record record_ = 0;
-    std::uint64_t source_ = 0;
+    std::vector<std::string> replaced_;   // see Applied
+    std::vector<std::string> disputed_;
     // For the current commit:
     StoreCommit* commit_ = nullptr;
+    std::uint64_t source_ = 0;
     std::vector<FrameId> ids_;    // by name
     std::vector<FrameId> gone_;   // by name: frames that the commit removed
     std::vector<FrameId> found_;  // that the source has now, and other writers created
-    std::vector<FrameId> left_;   // that the source has no longer, and local writers use
-    txn::FrameSet is_left_;       // the same
-    txn::FrameSet cleared_;
-    txn::FrameSet removed_;
-    txn::FrameSet written_;
+    txn::FrameList left_;         // that the source has no longer, and local writers use
+    txn::FrameList cleared_;
+    txn::FrameList removed_;
+    txn::FrameList written_;
     FrameId removed_parent_ = kNoFrame;
     bool may_be_in_use_ = false;  // remaining frames may use removed ones
 };
+
+namespace {
 
 std::string text_of(const Epoch& epoch) {
     char id[33];
@@ -669,36 +730,53 @@ void check_applies(const Store& store) {
 }
 
 }  // namespace
-}  // namespace tfdb::store
 
-namespace tfdb {
-
-Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& options) {
-    store::check_applies(*store_);
-    const txn::KeptByThread<wire::CommitSample> kept;
-    wire::CommitSample& sample = *kept;
+Applied Applying::apply(std::span<const std::byte> data) {
+    check_applies(store_);
+    const txn::KeptByThread<CommitSample> kept;
+    CommitSample& sample = *kept;
     sample.decode(data);
-    store::Applying applying(*store_, sample, options);
+    start(sample);
     std::size_t next = 0;
     for (bool done = false; !done;) {
-        const std::lock_guard guard(store_->lock);
-        const std::optional<Position> position = applying.position();
-        const store::Order order(sample, applying.choice(), options.source, position);
+        const std::lock_guard guard(store_.lock);
+        const std::optional<Position> position = checked_position();
+        const Order order(sample, choice_, source_name_, position);
         order.check();
         const bool goes_on = order.goes_on();
         if (goes_on && sample.last <= position->commit)
-            return applying.applied(*position);
+            return applied(*position);
         const auto& commits = sample.commits;
         while (next < commits.size() && goes_on && commits[next].number <= position->commit)
             ++next;
         done = next + 1 >= commits.size();
         // The sample lacks commits that did not touch its frames.
-        const wire::CommitSample::Commit nothing{};
-        applying.commit(next < commits.size() ? commits[next] : nothing,
-                        done ? sample.last : commits[next + 1].number - 1);
+        const CommitSample::Commit nothing{};
+        commit(next < commits.size() ? commits[next] : nothing,
+               done ? sample.last : commits[next + 1].number - 1);
     }
-    return applying.applied({std::string(options.source), sample.epoch, sample.last,
-                             applying.choice(), std::string(options.prefix)});
+    return applied({source_name_, sample.epoch, sample.last, choice_, prefix_});
+}
+
+}  // namespace tfdb::store
+
+namespace tfdb {
+
+Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& options) {
+    return Applier(*this, options).apply(data);
+}
+
+Applier::Applier(Buffer& buffer, const ApplyOptions& options)
+    : applying_(std::make_unique<store::Applying>(*buffer.store_, options)) {}
+
+Applier::~Applier() = default;
+
+Applied Applier::apply(std::span<const std::byte> data) {
+    return applying_->apply(data);
+}
+
+std::optional<Position> Applier::position() {
+    return applying_->position();
 }
 
 bool Buffer::forget_source(std::string_view source) {

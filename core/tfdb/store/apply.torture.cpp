@@ -198,9 +198,10 @@ public:
 private:
     bool judge(std::size_t at, std::uint64_t stores) {
         Buffer copy = Buffer::open(path_, true);
+        Applier applier(copy, {});
         last_ = {};
         for (std::size_t i = 0; i < at; ++i)
-            take(copy, life_.samples[i]);
+            take(copy, applier, life_.samples[i]);
         const bool died = kill_one(at, stores);
         const std::vector<Position> positions = look(copy, false, "after the death");
         // The next writer takes back what was not committed, and takes the commit's number.
@@ -208,17 +209,17 @@ private:
         if (look(copy, true, "after the repair") != positions)
             fail(at, stores, "the repair moved the position");
         for (std::size_t i = at; i < life_.samples.size(); ++i)
-            take(copy, life_.samples[i]);
+            take(copy, applier, life_.samples[i]);
         (void)look(copy, true, "at the end");
         if (last_.commit != kCommits)
             fail(at, stores, "the copy did not come to the end");
         return died;
     }
-    void take(Buffer& copy, const Bytes& sample) {
+    void take(Buffer& copy, Applier& applier, const Bytes& sample) {
         if (sample.empty())
             copy.forget_source("");
         else
-            last_ = copy.apply(sample).position;
+            last_ = applier.apply(sample).position;
     }
     std::vector<Position> look(const Buffer& copy, bool with_writers, const char* when) {
         const std::vector<Position> positions = copy.positions();
@@ -249,7 +250,8 @@ private:
 #ifdef TFDB_COUNTS_STORES
             g_stores_left = stores;
 #endif
-            take(copy, life_.samples[at]);
+            Applier applier(copy, {});
+            take(copy, applier, life_.samples[at]);
             ::_exit(0);
         }
 #ifndef TFDB_COUNTS_STORES

@@ -134,7 +134,6 @@ private:
 
     void note_removals() {
         made_here_.clear();
-        gone_here_.clear();
         notes_.for_each(commit_, [&](std::uint64_t note, const std::string& name) {
             const FrameId id = FeedNote::id(note);
             if ((FeedNote::what(note) & FeedNote::kMade) != 0) {
@@ -143,8 +142,7 @@ private:
             }
             if ((FeedNote::what(note) & FeedNote::kRemoved) == 0)
                 return;
-            gone_.push_back(id);
-            gone_here_.insert(id);
+            gone_.insert(id);
             const bool passed = made_here_.contains(id);
             // A copy of some frames may have other frames as parents: it needs the removal of
             // those.
@@ -153,17 +151,13 @@ private:
             (passed ? passing_ : removed_).push_back(sample.place(id, [&] { return name; }));
         });
     }
-    [[nodiscard]] bool is_gone(FrameId id) const {
-        return !gone_.empty() && gone_here_.contains(id);
-    }
-
     void add_note(std::uint64_t note) {
         const FrameId id = FeedNote::id(note);
         const unsigned what = FeedNote::what(note);
         if (!whole_ || (what & FeedNote::kRemoved) != 0 ||
             !filter_.may_contain(id, newest_, commit_))
             return;
-        if (is_gone(id))  // it was created or written, and is gone
+        if (gone_.contains(id))  // it was created or written, and is gone
             return;
         if ((what & FeedNote::kMade) != 0 && gone_.empty())
             sample.forget(id);
@@ -202,7 +196,7 @@ private:
                 continue;
             }
             for (CommitSample::Row& row : rows_) {
-                row.gone = is_gone(row.parent);
+                row.gone = gone_.contains(row.parent);
                 row.parent = place_of(row.parent);
             }
             if (!whole_)
@@ -306,9 +300,8 @@ private:
     std::vector<std::uint32_t> passing_;
     std::vector<std::uint32_t> made_;
     std::vector<NotedEdge> edges_;
-    std::vector<FrameId> gone_;
-    txn::FrameSet gone_here_;  // the same as a set, if there are some
-    txn::FrameSet made_here_;
+    txn::FrameList gone_;
+    txn::FrameList made_here_;
     std::vector<CommitSample::Row> rows_;
     std::vector<Rows> rows_by_edge_;
     txn::FramePlaces rows_places_;

@@ -27,13 +27,18 @@ std::uint64_t Positions::number(Record record) const {
 Positions::Record Positions::find(std::string_view source) {
     if (const auto known = known_.find(std::string(source)); known != known_.end())
         return known->second;
+    const Record found = search(source);
+    if (found != 0)
+        known_.emplace(source, found);
+    return found;
+}
+
+Positions::Record Positions::search(std::string_view source) const {
     Record found = 0;
     for_each([&](Record record) {
         found = this->source(record) == source ? record : 0;
         return found == 0;
     });
-    if (found != 0)
-        known_.emplace(source, found);
     return found;
 }
 

@@ -17,8 +17,8 @@ namespace tfdb::store {
 /// valid from the commit of this store that it names, and of two valid slots the later one counts.
 /// A slot of a dead writer names a commit that does not exist; `repair` clears it before another
 /// commit gets that number.
-/// Threads: `position` and `all` any; the others only the holder of the commit lock.
-/// Guarantee: `position` and `all` are lock-free.
+/// Threads: `search`, `position` and `all` any; the others only the holder of the commit lock.
+/// Guarantee: those three are lock-free.
 class Positions {
 public:
     static constexpr std::uint64_t kMost = 1 << 16;
@@ -32,6 +32,8 @@ public:
     /// One source's record: its block in the region; 0: none.
     using Record = Offset;
     [[nodiscard]] Record find(std::string_view source);
+    /// The same, for any thread: it visits all records.
+    [[nodiscard]] Record search(std::string_view source) const;
     /// Creates a record. Throws CapacityExceeded, and InvalidArgument if names with this prefix
     /// could equal names of another source.
     [[nodiscard]] Record make(std::string_view source, std::string_view prefix);

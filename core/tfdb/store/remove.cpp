@@ -4,6 +4,7 @@
 
 #include "tfdb/store/nearest.hpp"
 #include "tfdb/store/writes.hpp"
+#include "tfdb/txn/frame_places.hpp"
 
 namespace tfdb::store {
 namespace {
@@ -38,7 +39,7 @@ public:
 
     [[nodiscard]] const std::vector<FrameId>& frames() const { return gone_; }
     /// Frames of sources, which stay without their local parents.
-    [[nodiscard]] const std::vector<FrameId>& detached() const { return detached_; }
+    [[nodiscard]] const txn::FrameList& detached() const { return detached_; }
     [[nodiscard]] Refusals& refusals() { return refusals_; }
 
 private:
@@ -48,8 +49,7 @@ private:
     [[nodiscard]] bool goes(FrameId id) const { return store_.scratch.going.contains(id); }
     void add(FrameId id) {
         if (has_local_parent(id)) {
-            if (stays_.insert(id))
-                detached_.push_back(id);
+            detached_.insert(id);
         } else if (store_.scratch.going.insert(id)) {
             gone_.push_back(id);
         }
@@ -106,7 +106,7 @@ private:
     void refuse_used() {
         std::vector<std::vector<FrameId>> stay(store_.frames.count());
         for_each_relation([&](FrameId parent, FrameId child) {
-            if (goes(parent) && !goes(child) && !stays_.contains(child))
+            if (goes(parent) && !goes(child) && !detached_.contains(child))
                 stay[parent].push_back(child);
         });
         for (std::size_t i = 0; i < ids_.size(); ++i) {
@@ -127,8 +127,7 @@ private:
     std::span<const std::string_view> names_;
     std::vector<FrameId> ids_;   // by index in the list
     std::vector<FrameId> gone_;  // without duplicates
-    std::vector<FrameId> detached_;
-    txn::FrameSet stays_;  // the same
+    txn::FrameList detached_;
     Refusals refusals_;
 };
 

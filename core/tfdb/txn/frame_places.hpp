@@ -1,4 +1,4 @@
-// Positions of frames in a list.
+// Positions of frames in a list, and lists in which each frame is once.
 #pragma once
 
 #include <algorithm>
@@ -63,6 +63,32 @@ private:
     std::vector<Entry> entries_;  // size is a power of two
     std::size_t used_ = 0;
     std::uint64_t round_ = 1;  // entries of other rounds are free
+};
+
+/// Frames in the order of their insertion, each once.
+/// Threads: one. Guarantee: `contains`, `insert` and `clear` are O(1).
+class FrameList {
+public:
+    void clear() {
+        frames_.clear();
+        places_.clear();
+    }
+    [[nodiscard]] bool contains(FrameId id) const { return places_.find(id) != FramePlaces::kNone; }
+    /// False: the frame is already in the list.
+    bool insert(FrameId id) {
+        if (contains(id))
+            return false;
+        places_.set(id, 0);
+        frames_.push_back(id);
+        return true;
+    }
+    [[nodiscard]] bool empty() const { return frames_.empty(); }
+    [[nodiscard]] auto begin() const { return frames_.begin(); }
+    [[nodiscard]] auto end() const { return frames_.end(); }
+
+private:
+    std::vector<FrameId> frames_;
+    FramePlaces places_;
 };
 
 /// Lists of a transaction, reused by the next transaction of the thread that ends it.

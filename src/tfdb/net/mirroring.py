@@ -81,6 +81,7 @@ class Mirror(Closable):
         self._is_whole = not prefix and not names
         self._log = EventLog(name)
         self._receiver = Receiver(buffer, name, prefix, names, self._log, max_lag=max_lag)
+        self._applier = self._receiver.applier
         self._error: BaseException | None = None
         self._was_live = False
         self._is_closing, self._wake = False, threading.Event()
@@ -112,7 +113,7 @@ class Mirror(Closable):
     @property
     def position(self) -> Position | None:
         """Last applied commit of the home. None: none yet."""
-        return self._receiver.position
+        return self._applier.position
 
     @property
     def state(self) -> Literal["absent", "catching up", "live", "stale", "ended", "closed"]:
@@ -140,7 +141,7 @@ class Mirror(Closable):
     @property
     def stats(self) -> MirrorStats:
         """Its counts."""
-        each = self._receiver
+        each = self._refreshed()
         position = each.position
         is_known = position is not None and position.epoch == each.known
         lag = each.newest - (position.commit if position is not None and is_known else 0)
@@ -279,6 +280,15 @@ class Mirror(Closable):
     # -- threads of the link -----------------------------------------------------------------------
 
     def _on_message(self, data: bytes) -> None:
+        try:
+            is_applied = self._applier.take(data)
+        except Exception as error:  # a warning that raises; `error` has it
+            self._fail(error)
+            return
+        if is_applied:
+            if self._receiver.state != "live":
+                self._wake.set()
+            return
         self._inbox.append(data)
         # A thread that held the lock checks the inbox again after its release.
         while self._inbox and self._lock.acquire(blocking=False):
@@ -296,7 +306,8 @@ class Mirror(Closable):
         self._wake.set()
 
     def _report(self) -> bytes:
-        each, position = self._receiver, self._receiver.position
+        each = self._refreshed()
+        position = each.position
         commit = 0 if position is None else position.commit
         since = each.lacking_since
         behind = 0 if since is None else max(int(1e9 * (time.monotonic() - since)), 0)
@@ -304,6 +315,15 @@ class Mirror(Closable):
             each.known, "mirror", self.state, self._owner, commit, each.newest, behind, self.stats
         )
         return status_bytes(told)
+
+    def _refreshed(self) -> Receiver:
+        """Return the receiver, with current counts unless another thread is using it."""
+        if self._lock.acquire(blocking=False):
+            try:
+                self._receiver.refresh()
+            finally:
+                self._lock.release()
+        return self._receiver
 
     # -- under the lock ----------------------------------------------------------------------------
 
@@ -316,6 +336,7 @@ class Mirror(Closable):
                 receiver.take(self._inbox.popleft(), time.monotonic())
         except Exception as error:  # `error` has it
             self._fail(error)
+        self._applier.follow(receiver.front() if self._is_open() else None)
         if not self._is_open():
             self._inbox.clear()
         elif receiver.state != before or (
@@ -382,6 +403,7 @@ class Mirror(Closable):
             before.undeclare()
 
     def _leave(self) -> None:
+        self._applier.follow(None)
         for each in self._declared:
             each.undeclare()
         self._declared.clear()

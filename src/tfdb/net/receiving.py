@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tfdb.data.errors import (
     BufferClosed,
@@ -19,7 +19,7 @@ from tfdb.data.errors import (
     TfdbError,
 )
 
-from .messages import FRONT, NONE, Commits, Head, Part, Question, State, commits_front, message_of
+from .messages import NONE, Commits, Head, Part, Question, State, commits_front, message_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -59,11 +59,9 @@ class Receiver:
     ) -> None:
         self._buffer, self._log = buffer, log
         self._max_lag = math.inf if max_lag is None else max_lag
-        self._options: dict[str, Any] = {
-            "source": source,
-            "prefix": prefix,
-            "shared": list(shared),
-        }
+        self._source, self._prefix = source, prefix
+        self.applier = buffer._applier(source, prefix, list(shared))
+        """Applies the commits. Threads of the link may pass it those that `front` describes."""
         self._draw = draw or random.Random()  # noqa: S311 - a jitter
         self.position: Position | None = self._stored()
         self.known: Epoch = NONE if self.position is None else self.position.epoch
@@ -89,6 +87,7 @@ class Receiver:
         self._heard = -math.inf
         self._is_gone = False
         self._waiting: deque[Commits] = deque()
+        self._waiting_bytes = 0
         self._parts: dict[int, bytes] = {}
         self._parts_of: tuple[Epoch, int, int] | None = None
         self._asked: tuple[object, ...] | None = None
@@ -99,7 +98,6 @@ class Receiver:
         self._is_outdated = False
         """Whether an earlier home speaks, and no later one: a question tells it that it is one."""
         self._last_refusal = ""
-        self._expected = self._front()
 
     # -- what it is fed ----------------------------------------------------------------------------
 
@@ -116,8 +114,7 @@ class Receiver:
 
     def take(self, data: bytes, now: float) -> None:
         """Process a message of the log or of an answer. Raises errors that end the mirror."""
-        if data[:FRONT] == self._expected and self._apply_next(data, now):
-            return
+        self.refresh()
         try:
             message = message_of(data)
         except CorruptMessage as error:
@@ -131,32 +128,27 @@ class Receiver:
         self.bytes += len(data)
         self._heard, self._is_gone = now, False
         self._take(message)
-        self._expected = self._front()
         self.tick(now)
 
-    def _apply_next(self, data: bytes, now: float) -> bool:
-        """Apply the next commits: the usual case, in which `apply` checks everything."""
-        try:
-            position = self._buffer.apply(data, **self._options)
-        except TfdbError:
-            return False
-        before = self.position
-        self.position, self._heard, self._is_gone = position, now, False
-        self.bytes += len(data)
-        self.commits += position.commit - (0 if before is None else before.commit)
-        self.newest = max(self.newest, position.commit)
-        if self._waiting:
-            self._apply_waiting()
-        if self.state != "live" or position.commit < self.newest:
-            self.tick(now)
-        return True
-
-    def _front(self) -> bytes | None:
+    def front(self) -> bytes | None:
         """Return the first bytes of commits that may be next. None: a state is."""
         position = self.position
-        if position is None or position.epoch != self.known or self._wants_state:
+        if position is None or position.epoch != self.known or self._wants_state or self._waiting:
             return None
         return commits_front(position.epoch)
+
+    def refresh(self) -> None:
+        """Note what the applier has taken."""
+        taken = self.applier.taken()
+        if taken is None:
+            return
+        size, at = taken
+        before, self.position = self.position, self._stored()
+        self.bytes += size
+        self._heard, self._is_gone = max(self._heard, at), False
+        if before is not None and self.position is not None and self.position.epoch == before.epoch:
+            self.commits += self.position.commit - before.commit
+            self._note(self.position.commit)
 
     def answered(self, now: float) -> None:
         """Note that the answer to the request is complete, possibly empty."""
@@ -182,6 +174,7 @@ class Receiver:
 
     def tick(self, now: float) -> None:
         """Update the state."""
+        self.refresh()
         state: Kind
         if self._heard == -math.inf:
             state = "absent"
@@ -248,13 +241,13 @@ class Receiver:
         """Leave all earlier epochs. Raises InvalidArgument: the store would follow itself."""
         if epoch > self.known:
             if epoch == self._buffer.epoch:
-                text = f"the home of {self._options['source']!r} publishes this same store: "
+                text = f"the home of {self._source!r} publishes this same store: "
                 raise InvalidArgument(f"{text}mirror it into another store")
             self.known, self.newest, self._head = epoch, 0, None
             self._waiting.clear()
+            self._waiting_bytes = 0
             self._parts.clear()
             self._ask_at, self._pause = -math.inf, 0.0
-            self._expected = None
 
     def _pass_fork(self, head: Head) -> None:
         """Continue in a later epoch without a state, if its home began exactly at the position."""
@@ -263,7 +256,7 @@ class Receiver:
             return
         if (position.epoch, position.commit) != (head.previous, head.fork):
             return
-        source = self._options["source"]
+        source = self._source
         try:
             self._buffer._hand_over(source, "follow", head.epoch, head.begin, position)
         except _ENDS:
@@ -288,9 +281,9 @@ class Receiver:
     def _keep(self, message: Commits) -> None:
         """Keep commits until the missing earlier ones arrive."""
         self._waiting.append(message)
-        size = sum(len(each.data) for each in self._waiting)
-        while size > _MOST_WAITING:
-            size -= len(self._waiting.popleft().data)
+        self._waiting_bytes += len(message.data)
+        while self._waiting_bytes > _MOST_WAITING:
+            self._waiting_bytes -= len(self._waiting.popleft().data)
 
     def _apply_waiting(self) -> None:
         waiting = sorted(self._waiting, key=lambda each: each.since)
@@ -301,6 +294,7 @@ class Receiver:
                 self._waiting.append(message)
             elif message.last > position.commit:
                 self._apply(message)
+        self._waiting_bytes = sum(len(each.data) for each in self._waiting)
 
     def _take_part(self, part: Part) -> None:
         place = part.epoch, part.commit, part.parts
@@ -344,7 +338,7 @@ class Receiver:
     def _apply(self, message: Commits | State) -> bool:
         before = self.position
         try:
-            self.position = self._buffer.apply(message.data, **self._options)
+            self.position = self.applier.apply(message.data)
         except _ENDS:
             raise
         except (OutOfOrder, Fenced):  # another process applies to the same store
@@ -373,11 +367,10 @@ class Receiver:
             self._follow(self.position.epoch)
 
     def _stored(self) -> Position | None:
-        source, prefix = self._options["source"], self._options["prefix"]
-        found = next((each for each in self._buffer.positions() if each.source == source), None)
-        if found is not None and found.prefix != prefix:
-            text = f"the store has {source!r} with prefix {found.prefix!r} already, not {prefix!r}"
-            raise InvalidArgument(f"{text}: use this prefix, or another store")
+        found = self.applier.position
+        if found is not None and found.prefix != self._prefix:
+            text = f"the store has {self._source!r} with prefix {found.prefix!r} already, "
+            raise InvalidArgument(f"{text}not {self._prefix!r}: use this prefix, or another store")
         return found
 
     def _is_behind(self) -> bool:
@@ -403,7 +396,7 @@ class Receiver:
         newest = self.newest or "sent no message yet"
         return {
             "absent": "no home was found: check its name, that both reach one router, and that "
-            f"access control lets this certificate read {self._options['source']!r}",
+            f"access control lets this certificate read {self._source!r}",
             "catching up": f"commit {commit}, and the home has {newest}",
             "live": f"commit {commit}",
             "stale": f"the home is gone; commit {commit} stays",

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from tfdb._core import keep_thread_state
 from tfdb.data.errors import InvalidArgument, TfdbError
 
 from .link import CONNECT_MS, ask_key, log_key, name_of, status_key, token_of, tokens_key
@@ -173,7 +172,6 @@ class ZenohLink:
         """See `Link`."""
 
         def heard(sample: zenoh.Sample) -> None:
-            keep_thread_state()
             take(sample.payload.to_bytes())
 
         return self._declared(self._data.declare_subscriber(log_key(name), self._direct(heard)))
