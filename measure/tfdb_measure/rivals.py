@@ -468,7 +468,7 @@ def _flood(
         sender.call("fall_silent")
         last = 1
         # First until the histories are full.
-        warm = [(11, 10)] if effort.samples >= Effort.samples else []
+        warm = [(16, 10)] if effort.samples >= Effort.samples else []
         for count, size in [*warm, *[(messages, group)] * min(effort.rounds, 5)]:
             sender.call("prepare", count, size)
             sender.call("flood")
