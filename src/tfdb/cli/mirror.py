@@ -102,5 +102,5 @@ def _show_end(mirror: Mirror, store: str, state: str, began: float, *, as_json: 
         output.emit_json_line("mirror", {**body, **stats._asdict(), "seconds": seconds})
         return
     text = f"commit {commit}: {counted(stats.commits, 'commit')}, {counted(stats.states, 'state')}"
-    text += f", {counted(stats.questions, 'request')} to the home, {stats.bytes / 1e6:,.1f} MB"
+    text += f", {counted(stats.requests, 'request')} to the home, {stats.bytes / 1e6:,.1f} MB"
     output.say(layout.wrap(layout.words(text)))

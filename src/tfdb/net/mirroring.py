@@ -44,7 +44,7 @@ class MirrorStats(NamedTuple):
     """Commits that were applied one by one."""
     states: int
     """Whole states that were applied."""
-    questions: int
+    requests: int
     """Requests to the home, for commits or a state."""
     lag: int
     """Number of the home's known commits that the mirror lacks."""
@@ -148,7 +148,7 @@ class Mirror(Closable):
         return MirrorStats(
             each.commits,
             each.states,
-            each.questions,
+            each.requests,
             max(lag, 0),
             each.refused,
             each.outdated,

@@ -78,7 +78,7 @@ class Receiver:
         self.commits: int = 0
         self.bytes: int = 0
         self.states: int = 0
-        self.questions: int = 0
+        self.requests: int = 0
         self.refused: int = 0
         self.outdated: int = 0
         self.newest: int = 0
@@ -203,7 +203,7 @@ class Receiver:
         """Return the question that is due; `answered` must follow. None: nothing is to be asked."""
         if self._asked is not None or now < self._ask_at or not self._must_ask():
             return None
-        self.questions += 1
+        self.requests += 1
         self._asked, self._newest_asked = self._place(), self.newest
         position = self.position
         if position is None or self._wants_state:
