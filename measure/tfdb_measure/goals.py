@@ -386,9 +386,10 @@ def _sharing() -> Iterator[Goal]:
     for how, most in (("batches", None), ("samples", 20)):
         cell = shared(row, how)
         yield Goal(f"{row}: {how}", ITSELF, cell, goal=most, at_least=False, unit="%")
-    row = "CPU of a process that mirrors 1,000 commits/s of ten"
-    text = f"{row}, against an empty callback of Zenoh"
-    yield at_most(text, 1.2, shared(row, "mirror"), shared(row, "empty callback"))
+    for per_s in ("1,000", "5,000"):
+        row = f"CPU of a process that mirrors {per_s} commits/s of ten"
+        text = f"{row}, against an empty callback of Zenoh"
+        yield at_most(text, 1.2, shared(row, "mirror"), shared(row, "empty callback"))
     row = "from a commit to another process, {}"
     for name, factor in (("p50", 1.6), ("p99", 2.0)):
         text = f"from a commit until a mirror has it, 1,000 commits/s: {name}, against Zenoh alone"
@@ -501,6 +502,12 @@ def _live() -> Iterator[Goal]:
             yield Goal(f"{row}: {text}", TF2_ROS2, of, over, limit, at_least=False)
             of, over = Cell("live", late, title), Cell("live", late, "tf2_ros")
             yield Goal(f"{late}: {text}", TF2_ROS2, of, over, 1.0, at_least=False)
+        for text, rival, most in (
+            ("tfdb without rclpy", "tf2_ros", 0.2),
+            ("tfdb without rclpy, against a callback that does nothing", "deserialised", 0.25),
+        ):
+            of, over = (Cell("live", row, each) for each in ("tfdb without rclpy", rival))
+            yield Goal(f"{row}: {text}", TF2_ROS2, of, over, most, at_least=False)
     delay = "publish to return of a waiting lookup: "
     for name, most in (("p50", 0.3), ("p99", 2.0)):
         theirs = Cell("live", f"{delay}tf2_ros", name)

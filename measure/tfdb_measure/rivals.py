@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,6 +69,7 @@ NODES_OF_ROS2 = {
     "deserialised": ("tf2_in_ros2", "deserialised"),
     "tfdb": ("tfdb_in_ros2", "own thread"),
     "tfdb in the executor": ("tfdb_in_ros2", "executor"),
+    "tfdb without rclpy": ("tfdb_dds", ""),
 }
 # As many as leave two cores idle now and then: more would be measured while they lag.
 LISTENERS = {"tf2_ros listener, alone": 1, "tf2_ros listener, each of 2": 2}
@@ -532,34 +533,41 @@ def _free_endpoint() -> str:
 def _mirrored(results: Results, effort: Effort, interpreter: Path) -> None:
     """Measure mirrors on this machine, against callbacks of Zenoh that do nothing."""
     seconds = 5.0 if effort.samples >= Effort.samples else 0.5
-    used: Rounds = {"mirror": [], "empty callback": []}
-    delays: dict[str, Rounds] = {"mirror": {}, "Zenoh alone": {}}
-    for max_delay, row in ((0.002, "CPU"), (0.0, "delay")):
-        with ExitStack() as stack:
-            home, mirror, rival = _workers(stack, "tfdb_net", interpreter, 3)
-            for worker in (home, mirror, rival):
-                stack.callback(worker.call, "leave")
-            endpoint = _free_endpoint()
-            home.call("publish", endpoint, 1, 10, max_delay)
-            if row == "CPU":
-                mirror.call("mirror", endpoint, 1)
-                rival.call("hear", endpoint, "tfdb/1/robot0/log")
-                home.begin("commit", 1000)
-            else:
-                mirror.call("mirror_and_note", endpoint)
-                rival.call("hear", endpoint, "tfdb_measure/raw")
-                home.begin("commit_and_put", 1000)
-                time.sleep(seconds)
-                delays["mirror"] = _percentiles(mirror.call("delays_ms"))
-                delays["Zenoh alone"] = _percentiles(rival.call("delays_ms"))
-            for _ in range(effort.rounds if row == "CPU" else 0):
+    for per_s in (1_000, 5_000):
+        used: Rounds = {"mirror": [], "empty callback": []}
+        with _home_and_two(interpreter, max_delay=0.002) as (home, mirror, rival, endpoint):
+            mirror.call("mirror", endpoint, 1)
+            rival.call("hear", endpoint, "tfdb/1/robot0/log")
+            home.begin("commit", per_s)
+            for _ in range(effort.rounds):
                 for worker, values in zip((mirror, rival), used.values(), strict=True):
                     values.append(worker.call("used", seconds / 2))
             home.end()
-    row = "CPU of a process that mirrors 1,000 commits/s of ten"
-    _add(results, "sharing", row, 0, "%", used)
-    for title, rounds in delays.items():
-        _add(results, "sharing", f"from a commit to another process, {title}", 0, "ms", rounds)
+        row = f"CPU of a process that mirrors {per_s:,} commits/s of ten"
+        _add(results, "sharing", row, 0, "%", used)
+    with _home_and_two(interpreter, max_delay=0.0) as (home, mirror, rival, endpoint):
+        mirror.call("mirror_and_note", endpoint)
+        rival.call("hear", endpoint, "tfdb_measure/raw")
+        home.begin("commit_and_put", 1000)
+        time.sleep(seconds)
+        for title, worker in (("mirror", mirror), ("Zenoh alone", rival)):
+            row = f"from a commit to another process, {title}"
+            _add(results, "sharing", row, 0, "ms", _percentiles(worker.call("delays_ms")))
+        home.end()
+
+
+@contextmanager
+def _home_and_two(
+    interpreter: Path, max_delay: float
+) -> Iterator[tuple[Worker, Worker, Worker, str]]:
+    """Start a home, and two workers that know its endpoint."""
+    with ExitStack() as stack:
+        home, *others = _workers(stack, "tfdb_net", interpreter, 3)
+        for worker in (home, *others):
+            stack.callback(worker.call, "leave")
+        endpoint = _free_endpoint()
+        home.call("publish", endpoint, 1, 10, max_delay)
+        yield home, others[0], others[1], endpoint
 
 
 def _shared_alone(results: Results, effort: Effort, interpreter: Path) -> None:
@@ -974,4 +982,4 @@ def install(env: Path) -> None:
         sys.exit(f"no rivals in {env}: run measure/contenders/install first")
     settings = f"--config-settings=build-dir={env / 'build'}"
     pip = [str(python_), "-m", "pip", "--disable-pip-version-check", "--quiet", "install"]
-    subprocess.run([*pip, settings, f"{ROOT}[recordings,view,net]"], check=True)
+    subprocess.run([*pip, settings, f"{ROOT}[recordings,view,net,dds]"], check=True)
