@@ -498,7 +498,11 @@ def test_messages_that_another_listener_stores_are_not_sent_again(wire: str) -> 
         with Bridge(store, at):
             arrive_from_graph(store, "lidar")
             number = 0
-            while moving.messages.empty() or not is_from_graph(store, "base"):
+            while (
+                moving.messages.empty()
+                or fixed.messages.empty()
+                or not is_from_graph(store, "base")
+            ):
                 number += 1
                 store.wait_for_commit(move(store, "base", number), 0.1)
             for each in range(10):
