@@ -1,18 +1,61 @@
 // Messages of one source, applied in the thread that brings them.
 #include <chrono>
+#include <exception>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
 
+#include "arguments.hpp"
 #include "bytes_like.hpp"
 #include "commits.hpp"
+#include "errors.hpp"
 #include "reads.hpp"
 #include "signatures.hpp"
+#include "writes.hpp"
 
 namespace tfdb::python {
 namespace {
+
+/// The options of `apply`.
+/// Threads: with the GIL. Guarantee: its texts live as long as it and the objects do.
+class Options {
+public:
+    Options(nb::handle source, nb::handle prefix, nb::handle shared) : unprefixed_(shared) {
+        options_.source = name_of(source, "source");
+        options_.prefix = name_of(prefix, "prefix");
+        options_.shared = unprefixed_.views();
+        for (const std::string_view text : {options_.source, options_.prefix}) {
+            if (text.size() > kMaxNameBytes) {
+                throw InvalidArgument("source and prefix have at most 1024 bytes, not " +
+                                      std::to_string(text.size()));
+            }
+        }
+    }
+    [[nodiscard]] const ApplyOptions& get() const { return options_; }
+
+private:
+    FrameNames unprefixed_;
+    ApplyOptions options_;
+};
+
+/// Warns of each frame whose local parent was lost. Two sources of a shared frame may dispute it in
+/// each commit: of such a frame it warns once.
+void warn_of(LostParents lost, BufferObject& buffer, std::string_view source) {
+    for (std::string& frame : lost.disputed) {
+        if (buffer.warned.is_new(ErrorCode::kReadOnly, frame))
+            lost.local.push_back(std::move(frame));
+    }
+    for (const std::string& frame : lost.local) {
+        const nb::object text =
+            escaped("frame '" + frame + "' lost the parent that was stored here: source '" +
+                    std::string(source) +
+                    "' stores another parent, or made the frame an ancestor of that one");
+        const nb::object kind = nb::module_::import_("tfdb.data.errors").attr("TfdbWarning");
+        if (PyErr_WarnFormat(kind.ptr(), 1, "%U", text.ptr()) != 0)
+            throw nb::python_error();
+    }
+}
 
 /// Applies a source's messages without Python code between the network and the store.
 /// Threads: any, with the GIL. Guarantee: one thread at a time applies.
@@ -22,20 +65,20 @@ public:
         : owner_(std::move(buffer)),
           buffer_(object_of<BufferObject>(owner_)),
           source_(name_of(source, "source")),
-          applier_(buffer_.open_store(), AppliedOptions(source, prefix, shared).get()) {}
+          applier_(buffer_.open_store(), Options(source, prefix, shared).get()) {}
 
     nb::object apply(nb::handle data) {
         const BytesLike bytes(data, "data");
-        Applied applied;
+        Done done;
         {
             const LongWork work(true);
             const std::lock_guard guard(lock_);
-            (void)buffer_.open_store();
-            applied = applier_.apply(bytes.bytes());
+            done = try_apply(bytes.bytes());
         }
-        nb::object position = position_record(applied.position);
-        warn_of_lost(buffer_, std::move(applied), source_);
-        return position;
+        warn_of(std::move(done.lost), buffer_, source_);
+        if (done.error)
+            std::rethrow_exception(done.error);
+        return position_record(done.position);
     }
     bool take(nb::handle data) {
         keep_thread_state();
@@ -44,18 +87,19 @@ public:
                                     bytes.bytes().size());
         if (front_.empty() || !text.starts_with(front_))
             return false;
-        std::optional<Applied> applied;
+        Done done;
         {
             const LongWork work(true);
             const std::unique_lock guard(lock_, std::try_to_lock);
-            if (guard.owns_lock())
-                applied = try_apply(bytes.bytes());
+            if (!guard.owns_lock())
+                return false;
+            done = try_apply(bytes.bytes());
         }
-        if (!applied)
+        warn_of(std::move(done.lost), buffer_, source_);
+        if (done.error)
             return false;
         bytes_ += text.size();
         taken_at_ = std::chrono::steady_clock::now();
-        warn_of_lost(buffer_, *std::move(applied), source_);
         return true;
     }
     void follow(nb::handle front) {
@@ -80,25 +124,38 @@ public:
     [[nodiscard]] nb::handle owner() const { return owner_; }
 
 private:
-    /// None: `apply` of the same bytes raises the reason.
-    std::optional<Applied> try_apply(Bytes bytes) {
+    struct Done {
+        Position position;
+        std::exception_ptr error;
+        LostParents lost;
+    };
+    /// Under the lock, without the GIL.
+    Done try_apply(Bytes bytes) {
+        Done done;
         try {
             (void)buffer_.open_store();
-            return applier_.apply(bytes);
+            done.position = applier_.apply(bytes);
         } catch (const Error&) {
-            return std::nullopt;
+            done.error = std::current_exception();
         }
+        done.lost = applier_.take_lost();
+        return done;
     }
 
     nb::object owner_;
     BufferObject& buffer_;
     std::string source_;
-    std::mutex lock_;  // of `applier_.apply`
+    std::mutex lock_;  // of `applier_.apply`; the GIL is of the rest
     Applier applier_;
     std::string front_;
     std::uint64_t bytes_ = 0;
     std::chrono::steady_clock::time_point taken_at_;
 };
+
+nb::object apply(nb::object buffer, nb::handle data, nb::handle source, nb::handle prefix,
+                 nb::handle shared) {
+    return ApplierObject(std::move(buffer), source, prefix, shared).apply(data);
+}
 
 // The buffer may refer to objects that hold the applier.
 int traverse_applier(PyObject* self, visitproc visit, void* arg) {
@@ -112,6 +169,57 @@ PyType_Slot g_applier_slots[] = {
     {Py_tp_traverse, reinterpret_cast<void*>(traverse_applier)},
     {0, nullptr},
 };
+
+constexpr const char* kApplyDoc =
+    R"(Apply commits or a state of another store, from `commits_bytes` or `state_bytes`.
+
+Each commit becomes one commit here. A state becomes one commit, which first takes away what this
+source had: no reader sees an empty or a mixed store. The position is stored by the same commit, so
+a process that is killed finds in `positions()` where to go on. Commits at or before the position
+are skipped.
+
+Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. But a frame
+that is a root at its source may get a parent here, by any writer. It is kept until the
+source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
+stays, without its samples, if a frame of another writer is its child.
+
+Parameters
+----------
+data
+    The bytes.
+prefix
+    Text before the name of each frame, such as `robot1/`. It is fixed by the first call, and must
+    not be the beginning of another source's prefix.
+shared
+    Frames that get no prefix, such as `map`. Give the same ones with every call; a state may be
+    applied with others.
+source
+    What this store calls the other one.
+
+Returns
+-------
+Position
+    How far the source's commits are applied: pass its `commit` to `commits_bytes`.
+
+Raises
+------
+OutOfOrder
+    Commits before these are missing, or they are of a later epoch, or the position was reached
+    with other frames (`frames` of `commits_bytes` and `state_bytes`, or `shared`): apply a state
+    first.
+Fenced
+    They are of an epoch that has ended. If the clock of the source was set back, call
+    `forget_source`, then apply a state.
+CorruptMessage
+    The bytes are damaged, cut short, or of another version; `offset` is the byte.
+InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
+    They cannot be stored; InvalidTransform also for a commit that stores an edge twice.
+InvalidArgument
+    The prefix is not the one of the first call, or it overlaps another source's.
+CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
+    As of a write.
+
+Of these bytes the commits before the refused one are applied; it and later ones are not.)";
 
 }  // namespace
 
@@ -135,6 +243,11 @@ void bind_applier(nb::module_& module, nb::class_<BufferObject, StoreReaderObjec
     made.def_prop_ro("position", &ApplierObject::position,
                      nb::sig("def position(self) -> tfdb.types.Position | None"),
                      "The source's position in the store. None: nothing was applied.");
+    type.def("apply", &apply, nb::arg("data").none(), nb::kw_only(), nb::arg("source").none() = "",
+             nb::arg("prefix").none() = "", nb::arg("shared").none() = nb::make_tuple(),
+             nb::sig("def apply(self, data: bytes, *, source: str = '', prefix: str = '', "
+                     "shared: str | collections.abc.Iterable[str] = ()) -> tfdb.types.Position"),
+             kApplyDoc);
     type.def(
         "_applier",
         [](nb::object self, nb::handle source, nb::handle prefix, nb::handle shared) {

@@ -88,20 +88,6 @@ nb::bytes state_bytes_as(BufferObject& self, nb::handle source) {
     return bytes_of(bytes);
 }
 
-nb::object apply(BufferObject& self, nb::handle data, nb::handle source, nb::handle prefix,
-                 nb::handle shared) {
-    const BytesLike bytes(data, "data");
-    const AppliedOptions options(source, prefix, shared);
-    Applied applied;
-    {
-        const LongWork work(true);
-        applied = self.open_store().apply(bytes.bytes(), options.get());
-    }
-    nb::object position = position_record(applied.position);
-    warn_of_lost(self, std::move(applied), options.get().source);
-    return position;
-}
-
 bool forget_source(BufferObject& self, nb::handle source) {
     const std::string_view name = name_of(source, "source");
     const LongWork work(true);
@@ -184,57 +170,6 @@ NotSupported
 TransactionActive
     This thread has a transaction open in the store.)";
 
-constexpr const char* kApplyDoc =
-    R"(Apply commits or a state of another store, from `commits_bytes` or `state_bytes`.
-
-Each commit becomes one commit here. A state becomes one commit, which first takes away what this
-source had: no reader sees an empty or a mixed store. The position is stored by the same commit, so
-a process that is killed finds in `positions()` where to go on. Commits at or before the position
-are skipped.
-
-Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. But a frame
-that is a root at its source may get a parent here, by any writer. It is kept until the
-source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
-stays, without its samples, if a frame of another writer is its child.
-
-Parameters
-----------
-data
-    The bytes.
-prefix
-    Text before the name of each frame, such as `robot1/`. It is fixed by the first call, and must
-    not be the beginning of another source's prefix.
-shared
-    Frames that get no prefix, such as `map`. Give the same ones with every call; a state may be
-    applied with others.
-source
-    What this store calls the other one.
-
-Returns
--------
-Position
-    How far the source's commits are applied: pass its `commit` to `commits_bytes`.
-
-Raises
-------
-OutOfOrder
-    Commits before these are missing, or they are of a later epoch, or the position was reached
-    with other frames (`frames` of `commits_bytes` and `state_bytes`, or `shared`): apply a state
-    first.
-Fenced
-    They are of an epoch that has ended. If the clock of the source was set back, call
-    `forget_source`, then apply a state.
-CorruptMessage
-    The bytes are damaged, cut short, or of another version; `offset` is the byte.
-InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
-    They cannot be stored; InvalidTransform also for a commit that stores an edge twice.
-InvalidArgument
-    The prefix is not the one of the first call, or it overlaps another source's.
-CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
-    As of a write.
-
-Of these bytes the commits before the refused one are applied; it and later ones are not.)";
-
 constexpr const char* kStateBytesDoc =
     R"(Return this state as bytes, for `apply` of another buffer.
 
@@ -255,22 +190,6 @@ nb::object position_record(const Position& position) {
                                    position.commit, str_of_name(position.prefix));
 }
 
-void warn_of_lost(BufferObject& self, Applied applied, std::string_view source) {
-    for (std::string& frame : applied.disputed) {
-        if (self.warned.is_new(ErrorCode::kReadOnly, frame))
-            applied.replaced.push_back(std::move(frame));
-    }
-    for (const std::string& frame : applied.replaced) {
-        const nb::object text =
-            escaped("frame '" + frame + "' lost the parent that was stored here: source '" +
-                    std::string(source) +
-                    "' stores another parent, or made the frame an ancestor of that one");
-        const nb::object kind = nb::module_::import_("tfdb.data.errors").attr("TfdbWarning");
-        if (PyErr_WarnFormat(kind.ptr(), 1, "%U", text.ptr()) != 0)
-            throw nb::python_error();
-    }
-}
-
 void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type) {
     type.def("commits_bytes", &commits_bytes, nb::arg("since").none(), nb::kw_only(),
              nb::arg("max_commits").none() = 64, nb::arg("max_bytes").none() = 1 << 20,
@@ -279,11 +198,6 @@ void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type) {
                      "max_bytes: int = 1048576, "
                      "frames: str | collections.abc.Iterable[str] | None = None) -> bytes"),
              kCommitsBytesDoc);
-    type.def("apply", &apply, nb::arg("data").none(), nb::kw_only(), nb::arg("source").none() = "",
-             nb::arg("prefix").none() = "", nb::arg("shared").none() = nb::make_tuple(),
-             nb::sig("def apply(self, data: bytes, *, source: str = '', prefix: str = '', "
-                     "shared: str | collections.abc.Iterable[str] = ()) -> tfdb.types.Position"),
-             kApplyDoc);
     type.def("forget_source", &forget_source, nb::arg("source").none(),
              nb::sig("def forget_source(self, source: str) -> bool"),
              R"(Forget how far the commits of a source have been applied.

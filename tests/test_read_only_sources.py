@@ -303,6 +303,23 @@ def test_a_commit_that_closes_a_cycle_replaces_the_local_edge(robot: tfdb.Buffer
     assert fleet.lookup_transform("r1/odom", "chair", 2 * S).stamp == 2 * S
 
 
+def test_a_lost_parent_is_warned_of_if_a_later_commit_is_refused(robot: tfdb.Buffer) -> None:
+    fleet = tfdb.Buffer(max_frames=5)
+    fleet.apply(robot.commits_bytes(0), source="r1", prefix="r1/")
+    fleet.set_transform("map", "r1/odom", S, *pose(1))
+    before = robot.commit
+    robot.set_transform("earth", "odom", S, *pose(2))
+    robot.set_transform("base", "lidar", S, *pose(2))
+    data = robot.commits_bytes(before)
+    with (
+        pytest.warns(tfdb.TfdbWarning, match="frame 'r1/odom' lost the parent"),
+        pytest.raises(errors.CapacityExceeded),
+    ):
+        fleet.apply(data, source="r1", prefix="r1/")
+    assert fleet.frame_info("r1/odom").parent == "r1/earth"
+    assert fleet.positions()[0].commit == before + 1
+
+
 class Locals:
     """Random writes of a store that has a source's frames."""
 

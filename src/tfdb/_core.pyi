@@ -948,6 +948,48 @@ class NativeBuffer(StoreReader):
             This thread has a transaction open in the store.
         """
 
+    def forget_source(self, source: str) -> bool:
+        """
+        Forget how far the commits of a source have been applied.
+
+        For a source that begins anew while its clock is behind, so that `apply` raises Fenced, or for one that
+        has ended. Its frames stay, and may be written by any writer. The next bytes of it must be a state, of
+        any epoch, which replaces what it had. Its name and its prefix stay taken.
+
+        Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
+        ReadOnly, LockTimeout, NotSupported, TransactionActive.
+        """
+
+    def positions(self) -> list[tfdb.types.Position]:
+        """
+        Return how far the commits of each source have been applied.
+
+        In the order in which the sources came first. A frozen store has none.
+        """
+
+    def _state_bytes_as(self, source: str) -> bytes:
+        """
+        Return the newest state as bytes that the later commits of this source follow; b"" if nothing of it was applied.
+        """
+
+    def _hand_over(self, source: str, how: Literal['follow', 'release', 'adopt'], epoch: tfdb.types.Epoch, commit: int = 0, from_: tfdb.types.Position | None = None) -> tuple[int, bool, int] | None:
+        """
+        Set the position of a source, in one commit, since its home is another one.
+
+        `follow`: the new home goes on exactly at the position. `release`: this store is the home now, and its
+        writers may write. `adopt`: it was the home, and what they stored is the source's from now on.
+        `from_`: where the position must be; then `adopt` is for a store that was made the home there, and
+        `follow` for one that was not. Returns the commit, whether the store was equal to the source before,
+        and the source's commit then. Returns None, and changes nothing, if the position is elsewhere, or
+        `adopt` names an earlier epoch than the position.
+        """
+
+    @property
+    def epoch(self) -> tfdb.types.Epoch:
+        """
+        The store's epoch: a new store has a later one. Its commits are numbered in it.
+        """
+
     def apply(self, data: bytes, *, source: str = '', prefix: str = '', shared: str | Iterable[str] = ()) -> tfdb.types.Position:
         """
         Apply commits or a state of another store, from `commits_bytes` or `state_bytes`.
@@ -999,48 +1041,6 @@ class NativeBuffer(StoreReader):
             As of a write.
 
         Of these bytes the commits before the refused one are applied; it and later ones are not.
-        """
-
-    def forget_source(self, source: str) -> bool:
-        """
-        Forget how far the commits of a source have been applied.
-
-        For a source that begins anew while its clock is behind, so that `apply` raises Fenced, or for one that
-        has ended. Its frames stay, and may be written by any writer. The next bytes of it must be a state, of
-        any epoch, which replaces what it had. Its name and its prefix stay taken.
-
-        Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
-        ReadOnly, LockTimeout, NotSupported, TransactionActive.
-        """
-
-    def positions(self) -> list[tfdb.types.Position]:
-        """
-        Return how far the commits of each source have been applied.
-
-        In the order in which the sources came first. A frozen store has none.
-        """
-
-    def _state_bytes_as(self, source: str) -> bytes:
-        """
-        Return the newest state as bytes that the later commits of this source follow; b"" if nothing of it was applied.
-        """
-
-    def _hand_over(self, source: str, how: Literal['follow', 'release', 'adopt'], epoch: tfdb.types.Epoch, commit: int = 0, from_: tfdb.types.Position | None = None) -> tuple[int, bool, int] | None:
-        """
-        Set the position of a source, in one commit, since its home is another one.
-
-        `follow`: the new home goes on exactly at the position. `release`: this store is the home now, and its
-        writers may write. `adopt`: it was the home, and what they stored is the source's from now on.
-        `from_`: where the position must be; then `adopt` is for a store that was made the home there, and
-        `follow` for one that was not. Returns the commit, whether the store was equal to the source before,
-        and the source's commit then. Returns None, and changes nothing, if the position is elsewhere, or
-        `adopt` names an earlier epoch than the position.
-        """
-
-    @property
-    def epoch(self) -> tfdb.types.Epoch:
-        """
-        The store's epoch: a new store has a later one. Its commits are numbered in it.
         """
 
     def _applier(self, source: str, prefix: str, shared: Iterable[str]) -> Applier:

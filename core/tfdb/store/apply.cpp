@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstdio>
+#include <iterator>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -73,7 +74,8 @@ public:
             shared_choice_ = std::uint64_t{wire::digest_of(options.shared)} << kSharedShift;
     }
 
-    [[nodiscard]] Applied apply(std::span<const std::byte> data);
+    Position apply(std::span<const std::byte> data);
+    [[nodiscard]] LostParents take_lost() { return std::exchange(lost_, {}); }
 
     /// Threads: any. Empty if no commit of the source was applied yet.
     [[nodiscard]] std::optional<Position> position() {
@@ -95,8 +97,6 @@ private:
     void start(const CommitSample& sample) {
         sample_ = &sample;
         choice_ = sample.choice | shared_choice_;
-        replaced_.clear();
-        disputed_.clear();
         authors_.clear();
         const std::size_t count = sample.names.size();
         known_.resize(count);
@@ -161,6 +161,7 @@ private:
         written_.clear();
         found_.clear();
         left_.clear();
+        losing_ = {};
         removed_parent_ = kNoFrame;
         may_be_in_use_ = false;
         const bool is_state = sample_->kind == CommitSample::Kind::kState;
@@ -187,6 +188,8 @@ private:
         }
         check_removed();
         break_cycles();
+        lost_.local.reserve(lost_.local.size() + losing_.local.size());
+        lost_.disputed.reserve(lost_.disputed.size() + losing_.disputed.size());
         made.publish([&] {
             store_.positions.set(record(), sample_->epoch, until, choice_);
             for (const FrameId id : left_)
@@ -202,9 +205,9 @@ private:
                 known_[i].born = store_.frames.born(ids_[i]);
             }
         }
-    }
-    [[nodiscard]] Applied applied(Position position) {
-        return {std::move(position), std::move(replaced_), std::move(disputed_)};
+        std::move(losing_.local.begin(), losing_.local.end(), std::back_inserter(lost_.local));
+        std::move(losing_.disputed.begin(), losing_.disputed.end(),
+                  std::back_inserter(lost_.disputed));
     }
 
     /// Whether a name of the sample gets no prefix.
@@ -579,8 +582,8 @@ private:
         return SourceWord::maker(source_word(id)) == source_ ? 0 : 1;
     }
     void replace(FrameId child) {
-        auto& lost = is_written_by_other(child) ? disputed_ : replaced_;
-        lost.push_back(store_.names.name(child));
+        auto& losing = is_written_by_other(child) ? losing_.disputed : losing_.local;
+        losing.push_back(store_.names.name(child));
         clear_edge(child);
     }
     [[noreturn]] void throw_owned(FrameId child, const std::string& owner) const {
@@ -605,15 +608,15 @@ private:
     /// copy.
     std::uint64_t choice_ = 0;
     std::vector<std::uint64_t> authors_;  // indexed by the sample's authorities
-    std::vector<std::string> replaced_;   // see Applied
-    std::vector<std::string> disputed_;
+    LostParents lost_;                    // since `take_lost`
     // For the current commit:
     StoreCommit* commit_ = nullptr;
     std::uint64_t source_ = 0;
     std::vector<FrameId> ids_;    // by name
     std::vector<FrameId> gone_;   // by name: frames that the commit removed
     std::vector<FrameId> found_;  // that the source has now, and other writers created
-    txn::FrameList left_;         // that the source has no longer, and local writers use
+    LostParents losing_;
+    txn::FrameList left_;  // that the source has no longer, and local writers use
     txn::FrameList cleared_;
     txn::FrameList removed_;
     txn::FrameList written_;
@@ -731,7 +734,7 @@ void check_applies(const Store& store) {
 
 }  // namespace
 
-Applied Applying::apply(std::span<const std::byte> data) {
+Position Applying::apply(std::span<const std::byte> data) {
     check_applies(store_);
     const txn::KeptByThread<CommitSample> kept;
     CommitSample& sample = *kept;
@@ -745,7 +748,7 @@ Applied Applying::apply(std::span<const std::byte> data) {
         order.check();
         const bool goes_on = order.goes_on();
         if (goes_on && sample.last <= position->commit)
-            return applied(*position);
+            return *position;
         const auto& commits = sample.commits;
         while (next < commits.size() && goes_on && commits[next].number <= position->commit)
             ++next;
@@ -755,14 +758,14 @@ Applied Applying::apply(std::span<const std::byte> data) {
         commit(next < commits.size() ? commits[next] : nothing,
                done ? sample.last : commits[next + 1].number - 1);
     }
-    return applied({source_name_, sample.epoch, sample.last, choice_, prefix_});
+    return {source_name_, sample.epoch, sample.last, choice_, prefix_};
 }
 
 }  // namespace tfdb::store
 
 namespace tfdb {
 
-Applied Buffer::apply(std::span<const std::byte> data, const ApplyOptions& options) {
+Position Buffer::apply(std::span<const std::byte> data, const ApplyOptions& options) {
     return Applier(*this, options).apply(data);
 }
 
@@ -771,8 +774,12 @@ Applier::Applier(Buffer& buffer, const ApplyOptions& options)
 
 Applier::~Applier() = default;
 
-Applied Applier::apply(std::span<const std::byte> data) {
+Position Applier::apply(std::span<const std::byte> data) {
     return applying_->apply(data);
+}
+
+LostParents Applier::take_lost() {
+    return applying_->take_lost();
 }
 
 std::optional<Position> Applier::position() {

@@ -219,7 +219,7 @@ private:
         if (sample.empty())
             copy.forget_source("");
         else
-            last_ = applier.apply(sample).position;
+            last_ = applier.apply(sample);
     }
     std::vector<Position> look(const Buffer& copy, bool with_writers, const char* when) {
         const std::vector<Position> positions = copy.positions();

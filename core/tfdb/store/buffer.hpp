@@ -238,12 +238,10 @@ struct HandedOver {
     CommitNumber last = 0;
 };
 
-struct Applied {
-    Position position;
-    /// Frames that lost the parents that local writers had stored.
-    std::vector<std::string> replaced;
-    /// Shared frames that lost the samples of another source.
-    std::vector<std::string> disputed;
+/// Frames whose samples commits of a source have replaced.
+struct LostParents {
+    std::vector<std::string> local;     // samples of local writers
+    std::vector<std::string> disputed;  // shared frames: samples of another source
 };
 
 /// Exceptions to the rules of a write.
@@ -549,7 +547,7 @@ public:
     /// edge twice in a commit), InvalidStamp, CycleError, FrameInUse, CapacityExceeded,
     /// InvalidArgument (prefix), NotSupported (engines other than the default), and the errors of a
     /// write.
-    Applied apply(std::span<const std::byte> sample, const ApplyOptions& options = {});
+    Position apply(std::span<const std::byte> sample, const ApplyOptions& options = {});
     /// Forgets the position of a source, in one commit; the next sample applied from it must be a
     /// state. Its frames stay until then. False: nothing was ever applied, and nothing changed.
     /// Throws as a write.
@@ -629,7 +627,9 @@ public:
     Applier(Buffer& buffer, const ApplyOptions& options);
     ~Applier();
 
-    Applied apply(std::span<const std::byte> sample);
+    Position apply(std::span<const std::byte> sample);
+    /// What the commits since the last call have replaced, also if `apply` has thrown since.
+    [[nodiscard]] LostParents take_lost();
     /// The source's position in the newest state. Empty if nothing of it was applied.
     [[nodiscard]] std::optional<Position> position();
 
