@@ -312,6 +312,30 @@ def test_a_file_of_which_nothing_is_merged_is_named(tool: Tool, tmp_path: Path) 
     assert f"tfdb: warning: {other}: none of its transforms is merged" in ran.err
 
 
+def test_a_new_name_joins_the_root_of_one_file_to_another(tool: Tool, tmp_path: Path) -> None:
+    one = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
+    other = record(tmp_path / "b.mcap", {("world", "body"): range(9)})
+    out = tmp_path / "both.mcap"
+    tool("merge", one, other, "-o", out, "--rename", "world:=map")
+    found, alone = tfdb.load(out), tfdb.load(other)
+    assert {info.name: info.parent for info in found.tree()} == {
+        "map": None,
+        "base": "map",
+        "body": "map",
+    }
+    assert np.array_equal(
+        found.lookup_transform("map", "body", 1_450_000_000).matrix,
+        alone.lookup_transform("world", "body", 1_450_000_000).matrix,
+    )
+    bad = tmp_path / "bad.mcap"
+    for pair in ("body:=base", "base:=body"):  # both have a parent
+        error = tool("merge", one, other, "-o", bad, "--rename", pair, code=2).error
+        assert f"'base' and 'body' would both be called {pair.partition(':=')[2]!r}" in error
+    same = record(tmp_path / "c.mcap", {("world", "map"): range(9)})
+    error = tool("merge", one, same, "-o", bad, "--rename", "world:=map", code=2).error
+    assert "'map' and 'world' would both be called 'map'" in error
+
+
 def test_one_frame_is_not_given_two_names(tool: Tool, tmp_path: Path) -> None:
     one = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
     names = "--rename", "map:=a", "--rename", "map:=b"

@@ -175,8 +175,8 @@ class OpenRecordings:
             ends = [stamp for edges, _ in found for stamp in edges.span or ()]
             window = window_of(self.choice, (min(ends), max(ends)) if ends else None)
             made = []
-            for each, (edges, joints) in zip(chosen, found, strict=True):
-                _check_names(each, edges.frames)
+            for each, (edges, joints), (_, recordings) in zip(chosen, found, robots, strict=True):
+                self._check_names(each, edges, recordings, step)
                 children = None if each.frames is None else edges.between(each.frames)
                 made.append(Rewriter(each, window, children, joints))
         else:
@@ -228,6 +228,35 @@ class OpenRecordings:
                 everything.set_transforms(fixed, static=True)
             store(lambda source: choice.wants(source) and source.holds_joint_states)
         return RecordedEdges.of_store(everything), joints
+
+    def _check_names(
+        self,
+        choice: Choice,
+        edges: RecordedEdges,
+        recordings: Sequence[Recording],
+        step: Step | None,
+    ) -> None:
+        """Refuse new names that other frames have.
+
+        Frames of different files may get one name if at most one of them has a parent.
+        """
+        groups: dict[str, list[str]] = {}
+        for frame in edges.frames:
+            new = choice.prefix + choice.rename.get(frame, frame)
+            groups.setdefault(new, []).append(frame)
+        joined = {new: group for new, group in groups.items() if len(group) > 1}
+        if not joined:
+            return
+        files = [self._survey([recording], step)[0].frames for recording in recordings]
+        for new, group in joined.items():
+            for names in (edges.parents, *files):
+                both = [frame for frame in group if frame in names]
+                if len(both) > 1:
+                    raise InvalidArgument(
+                        f"rename: {both[0]!r} and {both[1]!r} would both be called {new!r}; give "
+                        "one of them another name",
+                        value=new,
+                    )
 
     def _check(self) -> None:
         """Refuse topics that are missing or cannot be read, and files without a readable topic."""
@@ -359,20 +388,6 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
     if first is not None and last is not None:
         check_order(first, last)
     return first, last
-
-
-def _check_names(choice: Choice, frames: Sequence[str]) -> None:
-    """Refuse new names that other frames have."""
-    found: dict[str, str] = {}
-    for frame in frames:
-        new = choice.prefix + choice.rename.get(frame, frame)
-        other = found.setdefault(new, frame)
-        if other != frame:
-            raise InvalidArgument(
-                f"rename: {other!r} and {frame!r} would both be called {new!r}; give one of them "
-                "another name",
-                value=new,
-            )
 
 
 def _way_on(source: Source) -> str:
