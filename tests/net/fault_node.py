@@ -65,7 +65,7 @@ class Node:
             raise home.error
         (fenced,) = [event for event in home.events() if event.kind == "fenced"]
         if fenced.before is not None and fenced.after is not None:
-            later = re.search(r"\((\d+)\)", fenced.text)
+            later = re.search(r"\(epoch (\d+)\)", fenced.text)
             assert later is not None
             alone = fenced.after[1] - fenced.before[1]
             tell("fenced", later=int(later[1]), last=last_batch(self.buffer), alone=alone)

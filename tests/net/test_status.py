@@ -100,6 +100,7 @@ def test_a_stopped_process_is_silent(store_name: str) -> None:
         child = Child(store_name, endpoint)
         (home,) = ask_until(session, lambda found: len(found) == 1)
         os.kill(child.process.pid, signal.SIGSTOP)
+        os.waitid(os.P_PID, child.process.pid, os.WSTOPPED)
         try:
             (found,) = tfdb.net.status(session=session, timeout=0.2)
         finally:

@@ -190,7 +190,7 @@ def test_an_unknown_rclpy_is_listened_to_by_its_subscriptions(
     assert set(heard.threads) == {"tfdb listener" if own_thread else "spinner"}
     # An executor waits without a receiving thread.
     is_as_expected = not own_thread and "WaitSet" in other
-    said = capfd.readouterr().err.count("listening by rclpy's own subscriptions")
+    said = capfd.readouterr().err.count("listening through rclpy's own subscriptions")
     assert said == (0 if is_as_expected else 1)
     ours.close()
     until(no_listener)
