@@ -24,7 +24,7 @@ from .messages import NONE, Commits, Head, Part, Question, State, commits_front,
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from tfdb._core import Buffer
+    from tfdb._core import Applier, Buffer
     from tfdb.data.types import Epoch, Position
 
     from .events import EventLog, Kind
@@ -60,7 +60,7 @@ class Receiver:
         self._buffer, self._log = buffer, log
         self._max_lag = math.inf if max_lag is None else max_lag
         self._source, self._prefix = source, prefix
-        self.applier = buffer._applier(source, prefix, list(shared))
+        self.applier: Applier = buffer._applier(source, prefix, list(shared))
         """Applies the commits. Threads of the link may pass it those that `front` describes."""
         self._draw = draw or random.Random()  # noqa: S311 - a jitter
         self.position: Position | None = self._stored()
