@@ -173,15 +173,14 @@ PyType_Slot g_applier_slots[] = {
 constexpr const char* kApplyDoc =
     R"(Apply commits or a state of another store, from `commits_bytes` or `state_bytes`.
 
-Each commit becomes one commit here. A state becomes one commit, which first takes away what this
-source had: no reader sees an empty or a mixed store. The position is stored by the same commit, so
-a process that is killed finds in `positions()` where to go on. Commits at or before the position
-are skipped.
+Each commit becomes one commit here. A state becomes one commit, which replaces all that the source
+had stored: no reader sees an empty or a mixed store. The same commit stores the position, so
+`positions()` shows where to continue after a kill. Commits at or before the position are skipped.
 
-Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. But a frame
-that is a root at its source may get a parent here, by any writer. It is kept until the
-source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
-stays, without its samples, if a frame of another writer is its child.
+Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. An
+exception: any writer may give a parent to a frame that is a root at its source. This parent is kept
+until the source itself gives the frame one, with a TfdbWarning. If the source removes a frame with
+a child of another writer, the frame stays, without samples.
 
 Parameters
 ----------
@@ -194,7 +193,7 @@ shared
     Frames that get no prefix, such as `map`. Give the same ones with every call; a state may be
     applied with others.
 source
-    What this store calls the other one.
+    Name of the other store in this one.
 
 Returns
 -------
@@ -213,13 +212,13 @@ Fenced
 CorruptMessage
     The bytes are damaged, cut short, or of another version; `offset` is the byte.
 InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
-    They cannot be stored; InvalidTransform also for a commit that stores an edge twice.
+    The data cannot be stored. InvalidTransform also if a commit stores an edge twice.
 InvalidArgument
     The prefix is not the one of the first call, or it overlaps another source's.
 CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
-    As of a write.
+    As a write raises them.
 
-Of these bytes the commits before the refused one are applied; it and later ones are not.)";
+The commits before the refused one are applied; it and later ones are not.)";
 
 }  // namespace
 

@@ -220,9 +220,8 @@ constexpr const char* kLookupTransformsDoc =
 
 T[target<-source] at each of N stamps, all from one snapshot.
 
-Row i is what `lookup_transform(target, source, stamps[i], policy)` gives in that snapshot, bit for
-bit, and much faster: whatever the other stamps are and whichever instructions the processor has. A
-stored sample that is used as it is comes out as it was stored.
+Row i equals `lookup_transform(target, source, stamps[i], policy)` in that snapshot, bit for bit, on
+every processor. A result that is a single stored sample equals that sample.
 
 Parameters
 ----------
@@ -231,15 +230,15 @@ target, source
 stamps
     (N,) int64 nanoseconds or datetime64, or a list of stamps; in any order.
 policy
-    How stamps between samples are answered. None: Interpolate().
+    How a pose between samples is computed. None: Interpolate().
 layout
     `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices, as `Transform.matrix`.
 out
     Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4), apart from the stamps in memory.
     An error, or Ctrl-C, may leave it partly written.
 missing
-    `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-    row instead, whatever the reason; only a frame that does not exist is then an error.
+    `raise`: raise the error of the first stamp without a pose, with its `index`. `nan`: its row
+    becomes NaN, for any reason except an unknown frame, which raises.
 
 Returns
 -------
@@ -254,9 +253,9 @@ PyMethodDef g_lookup_transforms = {"lookup_transforms", as_function(lookup_trans
 constexpr const char* kLookupEdgesDoc =
     R"(T[parent<-frame] of many frames at one stamp, all from one snapshot.
 
-Row i is what `lookup_transform(parent, frames[i], stamp, policy)` gives in that snapshot, bit for
-bit, where `parent` is the parent that the frame has at that stamp: `parent_of(frames[i], stamp)`,
-or `tree_columns(stamp).parents` for all. Frames above the parent are not looked at.
+Row i equals `lookup_transform(parent, frames[i], stamp, policy)` in that snapshot, bit for bit.
+`parent` is the frame's parent at that stamp: `parent_of(frames[i], stamp)`, or
+`tree_columns(stamp).parents` for all. Frames above the parent are not read.
 
 Parameters
 ----------
@@ -265,7 +264,7 @@ frames
 stamp
     Nanoseconds, the same for all. None: each edge's newest sample.
 policy
-    How stamps between samples are answered. None: Interpolate().
+    How a pose between samples is computed. None: Interpolate().
 out
     Array to write to: float64 or float32, C-contiguous, (N, 7). An error, or Ctrl-C, may leave it
     partly written.
@@ -287,9 +286,9 @@ constexpr const char* kTransformPointsDoc =
     R"(Map points of `source` into `target`, each at its own stamp.
 
 Undoes the motion during a scan: `p_target[i] = T[target<-source](stamps[i]) p_source[i]`, all from
-one snapshot. Each is what `lookup_transform(target, source, stamps[i], policy).apply(points[i])`
-gives there, bit for bit; a coordinate that is not a number stays one. Where `apply` refuses a place
-that is not finite in the points' dtype, it is infinite or not a number here.
+one snapshot. Row i equals `lookup_transform(target, source, stamps[i], policy).apply(points[i])`
+there, bit for bit. NaN coordinates stay NaN. A result too large for the points' dtype is infinite
+or NaN; `apply` raises for it.
 
 Parameters
 ----------
@@ -300,13 +299,13 @@ points
 stamps
     (N,) int64 nanoseconds, or one stamp for all points.
 policy
-    How stamps between samples are answered. None: Interpolate().
+    How a pose between samples is computed. None: Interpolate().
 out
-    Array to write to, like the points; the points themselves to work in place. It must not overlap
-    the points otherwise, nor the stamps.
+    Array to write to, with the shape and dtype of the points. It may be the points themselves. It
+    must not overlap a part of them, nor the stamps.
 missing
-    `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN for its
-    points instead, whatever the reason; only a frame that does not exist is then an error.
+    `raise`: raise the error of the first stamp without a pose, with its `index`. `nan`: its points
+    become NaN, for any reason except an unknown frame, which raises.
 
 Returns
 -------

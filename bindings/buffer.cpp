@@ -335,54 +335,50 @@ constexpr const char* kSetTransformsDoc =
 Parameters
 ----------
 batch
-    A sequence of `TransformStamped` or of ROS messages of that name, or one `Columns`. Of two with
-    the same child and stamp the later wins.
+    A sequence of `TransformStamped` or of ROS messages of that name, or one `Columns`. Of two
+    members with the same child and stamp, the later one is stored.
 static
     Whether they hold at every stamp until replaced.
 authority
     Name of the writer.
 partial
-    Store the members that can be stored, still in one commit, and return the others.
+    Store the valid members in one commit, and return the others.
 change_kind
-    Members of the other kind than their edge, static or moving, change it: the samples that the
-    edge has are dropped in the same commit, the frames below it stay.
+    Let members change the kind of their edge, static or moving. The edge's stored samples are
+    dropped in the same commit; the frames below it stay.
 only_new
-    Refuse members whose stamp their edge has already, or an earlier member: the first value stays.
-    Not with `static`.
+    Refuse members with a stamp that their edge, or an earlier member, has already. Not with
+    `static`.
 
 Returns
 -------
 int
     Number of the commit; of the current one if the batch is empty.
 list[Refused]
-    With `partial`: every member that was refused, and why, in their order.
+    With `partial`: the refused members with their errors, in order.
 
-Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in
-`refused`. Raises CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is
-left, and
-TypeError for what is not a transform at all.)";
+Raises the error of the first refused member, with its `index`; `refused` has the errors of all.
+They are InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
+RepeatedStamp and CycleError. Raises CapacityExceeded. Nothing is stored if it raises. With
+`partial` it raises only CapacityExceeded, and TypeError for a member that is not a transform.)";
 
 using BufferClass = nb::class_<BufferObject, StoreReaderObject>;
 
 constexpr const char* kCompactDoc =
     R"(Return unused memory to the operating system.
 
-A store uses memory that became free for what comes next, and keeps it. After a burst, after
-`clear`, or once samples have outlived `history` (whose memory an edge otherwise gives up bit by
-bit, as it is written to), this returns it: from a shared store to the file system that it lies on.
-It moves no samples, so memory goes back only where a piece of it is free from end to end: 256 KiB
-of a shared store (1/4096 of its size above 1 GiB), 2 MiB of another. What is free between edges
-that grew side by side is kept for what comes next.
+A store keeps freed memory for later samples. This call drops samples beyond `history`, and returns
+free memory to the system, that of a shared store to its file system. It moves no samples. So it
+returns only pieces that are wholly free: of 256 KiB in a shared store (1/4096 of its size above 1
+GiB), of 2 MiB in others.
 
-Nobody writes meanwhile (5 ms for 10 million samples, 15 ms for 60,000 frames, and 10 ms for each
-100 MiB that a shared store gives back); reads go on.
+Writers wait during the call: 5 ms for 10 million samples, 15 ms for 60,000 frames, and 10 ms for
+each 100 MiB that a shared store returns. Reads go on.
 
-Returns False, and gives nothing back, while an older state than the newest is held by a snapshot
-or a transaction, or a read is under way that writers have overtaken again and again: try again
-later. An open transaction, and the fourth of the snapshots that a process holds, may count as older
-than they are. Raises ReadOnly, TransactionActive, Forked, LockTimeout where another process
-keeps the lock, CorruptStore where the file was damaged.)";
+Returns False, and returns no memory, while a snapshot, a transaction or a repeated read uses an
+older state than the newest: call it again later. An open transaction, and the fourth snapshot of a
+process, may count as older than they are. Raises ReadOnly, TransactionActive and Forked;
+LockTimeout if another process holds the lock; CorruptStore if the file is damaged.)";
 
 void bind_writes(BufferClass& type) {
     add_raw_writes(type);
@@ -417,21 +413,22 @@ and its samples are dropped.)");
                      "recursive: bool = False) -> int"),
              R"(Remove a frame, or several, with their edges in one commit, all or none.
 
-Their order does not matter: a frame may go together with all its children. With `recursive` all
-frames below them go as well. Returns the commit's number, the current one without names.
+The order of the names does not matter: a frame may be removed together with all its children. With
+`recursive` all frames below are removed as well. Returns the number of the commit; without names,
+of the newest one.
 
-A frame of a mirrored store (`apply`) stays, and so does all below it. It loses the parent that a
-local writer stored; without one, ReadOnly is raised.
+A frame of a mirrored store (`apply`) is not removed, nor are the frames below it. Only the parent
+edge that a local writer gave it is removed; without such an edge, ReadOnly is raised.
 
-Raises UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`,
-and ReadOnly.)");
+Raises UnknownFrame, FrameInUse (with the names of the children) and ReadOnly. The first two have
+`index`, and `refused` with the errors of all names.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> int"),
              R"(Drop all moving samples in one commit; frames and static edges stay.
 
-The samples that `apply` brings of another store stay, too: only this store clears them.
+Samples of another store (`apply`) stay: only that store clears them.
 
-The commit itself takes a little memory for each moving edge. Raises CapacityExceeded where
-`memory_limit` leaves none; nothing was then dropped.)");
+The commit needs a little memory for each moving edge. Raises CapacityExceeded if `memory_limit`
+leaves none; then nothing is dropped.)");
     type.def("compact", &compact, nb::sig("def compact(self) -> bool"), kCompactDoc);
 }
 
@@ -439,21 +436,21 @@ constexpr const char* kOpenDoc =
     R"(open(path, *, verify=False, clock=None)
 --
 
-Open a frozen store: what `freeze` or `tfdb freeze` wrote.
+Open a frozen store, a file of `freeze` or `tfdb freeze`.
 
-It is a `Buffer` that answers as the state that was frozen, to the last bit, at once, whatever its
-size: the file is mapped, and its pages come as they are used. All processes that have it open share
-them. Nothing can be written to it (ReadOnly). It is pickled by its path.
+Reads of the returned `Buffer` equal those of the frozen state, bit for bit. The file is mapped:
+opening takes constant time, and all processes share its pages. Writes raise ReadOnly. The Buffer is
+pickled by its path.
 
 Parameters
 ----------
 path
-    The file. Do not cut or rewrite it while it is open, as by `cp` over it: processes that read it
-    would be ended by SIGBUS, or read nonsense. `freeze(overwrite=True)` is safe: it puts another
-    file in its place, and processes that have the old one open keep it.
+    The file. Do not truncate or overwrite it while it is open, as `cp` does: SIGBUS would kill its
+    readers, or they would read wrong values. `freeze(overwrite=True)` is safe: it replaces the
+    file, and processes that have the old one open keep it.
 verify
-    Read all of it, and compare it with its checksum. Otherwise only the front of the file is
-    checked; damage elsewhere makes wrong answers or errors, never a crash.
+    Read the whole file, and compare it with its checksum. Without it only the front of the file is
+    checked: damage elsewhere causes wrong results or errors, never a crash.
 clock
     As in `Buffer`.
 
@@ -464,12 +461,12 @@ Buffer
 Raises
 ------
 NoSuchStore
-    There is no such file.
+    The file is missing.
 CorruptStore
-    The file is not a frozen store, or one of another version of tfdb or kind of machine, or cut, or
-    damaged. Freeze what it was made from again.
+    The file is damaged, cut, or not a frozen store, or it is of another version of tfdb or kind of
+    machine. Freeze its recording again.
 InvalidArgument
-    The path is empty, or no name that a file can have.
+    The path is empty or invalid.
 ReadOnly, CapacityExceeded)";
 
 PyMethodDef g_open = {"open", as_function(open_frozen), METH_FASTCALL | METH_KEYWORDS, kOpenDoc};
@@ -548,10 +545,10 @@ void bind_buffer(nb::module_& module) {
         },
         nb::sig("def _clock(self) -> collections.abc.Callable[[], int] | None"),
         "The function of the time, nanoseconds; None: the system's clock.");
-    type.def(
-        "_enforce", &enforce, nb::arg("lifespans"),
-        nb::sig("def _enforce(self, lifespans: list[tuple[str, str, int, str]]) -> None"),
-        "Refuse lookups over edges that are older: parent, child, nanoseconds, name in errors.");
+    type.def("_enforce", &enforce, nb::arg("lifespans"),
+             nb::sig("def _enforce(self, lifespans: list[tuple[str, str, int, str]]) -> None"),
+             "Set the ages above which lookups raise Stale: parent, child, nanoseconds, name in "
+             "errors.");
     type.def("__repr__", &represent);
     bind_shared(module);
     bind_frozen(module, type);

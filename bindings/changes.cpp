@@ -109,23 +109,21 @@ nb::list changes(nb::handle self, nb::handle since, nb::handle limit, nb::handle
 constexpr const char* kChangesDoc =
     R"(Return the changes of each commit after `since`, in order.
 
-All data of the newest state are in the record of the commit that stored them. Data that were
-evicted, replaced, cleared or removed since then may be missing: `gone` counts them. While a
-snapshot of commit `since`, or of an older one, is held and can be read, nothing that it or a later
-state shows is gone. A record does not say in which order a transaction did what it did: the guide
-"Follow the changes" keeps a copy by records where they suffice, and by snapshots else.
+A record has all data of its commit that the newest state still has. Data that were evicted,
+replaced, cleared or removed since then may be missing; `gone` counts them. A held snapshot of
+commit `since`, or of an older one, prevents this. A record does not contain the order of a
+transaction's operations; the guide "Follow the changes" shows how to keep a copy.
 
 Parameters
 ----------
 since
-    A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
+    Number of a commit: that of a snapshot, or of the last record. 0: from the beginning.
 limit
     Largest number of records; None: all.
 frames
-    A frame, or several: only what commits did to these frames and their edges, and no record of a
-    commit that did nothing to them. A follower reads `commit` of the buffer before the call, and
-    goes on from there where fewer than `limit` records come. A frame may be missing yet. None: all
-    frames.
+    A frame, or several: only changes of these frames and their edges, and only commits that have
+    some. A frame may be created later. A follower should read the buffer's `commit` before the
+    call: if fewer than `limit` records come, that commit is its next `since`. None: all frames.
 
 Returns
 -------
@@ -135,15 +133,15 @@ list[Changes]
 Raises
 ------
 FeedLapped
-    The feed, which holds the last 16,384 commits or fewer if they are large, does not reach back
-    that far: take a snapshot and follow from its `commit`, or go on from the error's `commit` and
-    miss the commits before. The error's `oldest` is overwritten next.
+    The feed no longer has the commit after `since`: it keeps the last 16,384 commits, fewer if they
+    are large. Take a snapshot and follow from its `commit`, or continue from the error's `commit`
+    and miss the commits before. The error's `oldest` is the commit that is overwritten next.
 InvalidArgument
     The commit does not exist yet, or `limit` is not positive.
 InvalidName
-    No frame can have a name of `frames`.
+    A name in `frames` is invalid.
 NotSupported
-    The engine keeps no feed: `snapshot` and `giant` do.
+    The engine has no feed; only `snapshot` and `giant` have one.
 TransactionActive
     This thread has a transaction open in the store.)";
 

@@ -107,25 +107,26 @@ PyType_Slot g_clock_slots[] = {
 constexpr const char* kClassDoc = R"(Clock()
 --
 
-The time of a store: that of the system, until it is set. `Buffer.clock` returns it.
+The clock of a store. `Buffer.clock` returns it.
 
-All processes that have a shared store open see one clock: what one of them sets, all follow, and
-their sleeps wake. `max_age=` of lookups goes by it. A recording that is played sets it.
+It shows the system's time until it is set. All processes that have a shared store open share one
+clock: if one sets it, the sleeps of all react. `max_age=` of lookups uses it. A player (`tfdb
+play`) sets it.
 
 A process that may not write to the store's control file sees the system's clock. So does every
 frozen store.)";
 
 constexpr const char* kSleepUntilDoc = R"(Sleep until the clock shows a stamp, or a later one.
 
-While the clock is paused it shows no later stamp. The sleep follows a pause, a seek and a change of
-speed at once.
+A paused clock reaches no later stamp. The sleep reacts at once to a pause, a seek and a change of
+speed.
 
 Parameters
 ----------
 stamp
     Nanoseconds.
 timeout
-    Seconds of real time, at most; None: for ever.
+    Longest wait in seconds of real time; None: no limit.
 
 Returns
 -------
@@ -137,12 +138,12 @@ Raises
 InvalidStamp, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
 removed meanwhile))";
 
-constexpr const char* kSleepDoc = R"(Sleep for so many seconds of this clock.
+constexpr const char* kSleepDoc = R"(Sleep for a number of seconds of this clock.
 
 Parameters
 ----------
 seconds
-    Seconds of this clock: at double speed they pass in half of the time.
+    Seconds of this clock: at double speed they pass in half the time.
 timeout
     As in `sleep_until`.
 
@@ -157,7 +158,7 @@ InvalidArgument, BufferClosed, NoSuchStore
     As `sleep_until`.)";
 
 constexpr const char* kSeekDoc =
-    R"(Let the clock show a stamp now; it goes on from there, or stays paused.
+    R"(Set the clock to a stamp. A running clock continues from there; a paused one stays paused.
 
 Parameters
 ----------
@@ -188,15 +189,15 @@ void bind_settings(nb::class_<ClockObject>& made) {
     made.def(
         "pause", [](nb::handle self) { change(self, [](const Clock& clock) { clock.pause(); }); },
         nb::sig("def pause(self) -> None"),
-        setting_doc("Let the clock stand still. A second call does nothing.").c_str());
+        setting_doc("Pause the clock. A second call does nothing.").c_str());
     made.def(
         "resume", [](nb::handle self) { change(self, [](const Clock& clock) { clock.resume(); }); },
-        nb::sig("def resume(self) -> None"), setting_doc("Let a paused clock go on.").c_str());
+        nb::sig("def resume(self) -> None"), setting_doc("Resume a paused clock.").c_str());
     made.def(
         "follow_system",
         [](nb::handle self) { change(self, [](const Clock& clock) { clock.follow_system(); }); },
         nb::sig("def follow_system(self) -> None"),
-        setting_doc("Let the clock show the system's time again.").c_str());
+        setting_doc("Set the clock back to the system's time.").c_str());
     made.def_prop_rw(
         "speed",
         [](nb::handle self) {
@@ -205,7 +206,8 @@ void bind_settings(nb::class_<ClockObject>& made) {
         },
         &set_speed, nb::for_getter(nb::sig("def speed(self) -> float")),
         nb::for_setter(nb::sig("def speed(self, speed: float, /) -> None")),
-        "Seconds of this clock in a real second: above 0. Raises as `pause`, and InvalidArgument.");
+        "Seconds of this clock per real second; must be positive. Raises as `pause`, and "
+        "InvalidArgument.");
 }
 
 /// Functions for src/tfdb/player and the command line.
@@ -262,10 +264,10 @@ void bind_clock(nb::module_& module, nb::class_<BufferObject, StoreReaderObject>
             const auto set = open_clock(self).setting();
             return set && set->paused;
         },
-        nb::sig("def paused(self) -> bool"), "Whether it stands still.");
+        nb::sig("def paused(self) -> bool"), "Whether the clock is paused.");
     made.def_prop_ro(
         "is_system", [](nb::handle self) { return !open_clock(self).setting(); },
-        nb::sig("def is_system(self) -> bool"), "Whether it shows the system's time.");
+        nb::sig("def is_system(self) -> bool"), "Whether the clock shows the system's time.");
     bind_for_players(made);
     made.def("__repr__", &describe);
 }

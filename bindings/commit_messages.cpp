@@ -78,16 +78,17 @@ std::uint32_t checksum_of(nb::handle data) {
 }  // namespace
 
 void bind_commit_messages(nb::module_& module) {
-    module.def("messages_of_commits", &messages_of_commits, nb::arg("data").none(),
-               nb::arg("since"), nb::arg("choose").none(),
-               nb::sig("def messages_of_commits(data: bytes, since: int, choose: "
-                       "collections.abc.Callable[[str], tuple[str, bool]] | None) -> "
-                       "list[tuple[int, bytes | None, bytes | None, bytes | None]]"),
-               "The messages of commits, or of a state.\n\n"
-               "Returns of each commit its number, the TFMessages of the moving and of the static "
-               "edges, and the bytes for `apply` where these do not say all; a state has them "
-               "always. They go on from the commit before, the first from `since`. `choose` gives "
-               "a frame's new name, and whether the edge to its parent is kept.");
+    module.def(
+        "messages_of_commits", &messages_of_commits, nb::arg("data").none(), nb::arg("since"),
+        nb::arg("choose").none(),
+        nb::sig("def messages_of_commits(data: bytes, since: int, choose: "
+                "collections.abc.Callable[[str], tuple[str, bool]] | None) -> "
+                "list[tuple[int, bytes | None, bytes | None, bytes | None]]"),
+        "The messages of commits, or of a state.\n\n"
+        "Returns a tuple for each commit: its number, the TFMessages of its moving and its "
+        "static edges, and the bytes for `apply` if the messages do not contain everything. A "
+        "state always has these bytes. They follow the commit before, the first ones `since`. "
+        "`choose` returns a frame's new name, and whether the edge to its parent is kept.");
     module.def("commit_of_messages", &commit_of_messages, nb::arg("epoch").none(), nb::arg("since"),
                nb::arg("commit"), nb::arg("moving").none(), nb::arg("static").none(),
                nb::sig("def commit_of_messages(epoch: bytes, since: int, commit: int, "

@@ -145,10 +145,10 @@ since
 max_commits
     Largest number of commits.
 max_bytes
-    Largest size. A single commit is never cut; a larger one is returned alone.
+    Largest size. A commit is never cut: a larger one is returned alone.
 frames
-    Frames, or one: only these and their edges. A frame may be missing yet: the commit that makes it
-    is returned. None: all.
+    A frame, or several: only these and their edges. A frame may be created later: the commit that
+    creates it is returned. None: all.
 
 Returns
 -------
@@ -164,9 +164,9 @@ Gone
 InvalidArgument
     The commit does not exist yet, or a limit is not positive.
 InvalidName
-    No frame can have a name of `frames`.
+    A name in `frames` is invalid.
 NotSupported
-    The engine keeps no feed: `snapshot` and `giant` do.
+    The engine has no feed; only `snapshot` and `giant` have one.
 TransactionActive
     This thread has a transaction open in the store.)";
 
@@ -176,8 +176,8 @@ constexpr const char* kStateBytesDoc =
 Parameters
 ----------
 frames
-    Frames, or one: only these and their edges. A frame that the state lacks is left out: the commits
-    that follow (`commits_bytes` with the same frames) make it. None: all.
+    A frame, or several: only these and their edges. A missing frame is left out; later commits
+    (`commits_bytes` with the same frames) create it. None: all.
 newest
     Largest number of samples of each edge, the newest ones. None: all.
 
@@ -202,9 +202,9 @@ void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type) {
              nb::sig("def forget_source(self, source: str) -> bool"),
              R"(Forget how far the commits of a source have been applied.
 
-For a source that begins anew while its clock is behind, so that `apply` raises Fenced, or for one that
-has ended. Its frames stay, and may be written by any writer. The next bytes of it must be a state, of
-any epoch, which replaces what it had. Its name and its prefix stay taken.
+For a source that has ended, or that begins anew with its clock set back, so that `apply` raises
+Fenced. Its frames stay, and every writer may write them. The next bytes of this source must be a
+state, of any epoch, which replaces its frames. The source's name and prefix stay in use.
 
 Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
 ReadOnly, LockTimeout, NotSupported, TransactionActive.)");

@@ -271,19 +271,19 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
 PyMethodDef g_wait_method = {
     "wait_for_transform", as_function(wait_for_transform), METH_FASTCALL | METH_KEYWORDS,
     "wait_for_transform($self, target, source, stamp=None, timeout=None, *, policy=None)\n--\n\n"
-    "Wait until `lookup_transform` has an answer, and return it.\n\n"
-    "The commit that touches a frame of the path, or creates a missing one, ends the wait, from any\n"
-    "thread or process. Other threads run meanwhile, and signal handlers without delay.\n\n"
+    "Wait until `lookup_transform` succeeds, and return its result.\n\n"
+    "A commit of any thread or process that touches the path, or creates a missing frame, wakes\n"
+    "it. Other threads and signal handlers run meanwhile.\n\n"
     "Parameters\n----------\n"
     "target, source, stamp, policy\n    As in `lookup_transform`.\n"
-    "timeout\n    Seconds, at most; None: for ever.\n\n"
+    "timeout\n    Longest wait in seconds; None: no limit.\n\n"
     "Returns\n-------\nTransform\n\n"
     "Raises\n------\n"
-    "At the end of the timeout what `lookup_transform` raises, and how long the wait took;\n"
-    "InvalidName at once for a name that no frame can have; BufferClosed (`close` was called\n"
-    "meanwhile), NoSuchStore (the shared store was removed meanwhile),\n"
-    "TransactionActive, NotSupported (a research engine; or this process may not write to the\n"
-    "control file of the store), InvalidArgument"};
+    "At the end of the timeout the error of `lookup_transform`, with the length of the wait;\n"
+    "InvalidName at once for an invalid name; BufferClosed (`close` was called meanwhile),\n"
+    "NoSuchStore (the shared store was removed meanwhile), TransactionActive, NotSupported (a\n"
+    "research engine; or this process may not write to the control file of the\n"
+    "store), InvalidArgument"};
 
 PyMethodDef g_methods[] = {
     {"lookup_transform", as_function(lookup_transform), METH_FASTCALL | METH_KEYWORDS,
@@ -291,11 +291,12 @@ PyMethodDef g_methods[] = {
      "T[target<-source] at a stamp: maps points of `source` into `target`.\n\n"
      "Parameters\n----------\n"
      "target, source\n    Frame names.\n"
-     "stamp\n    Stamp in nanoseconds (or an object that holds one). None: the latest common time,\n"
-     "    at which every moving edge of the path has data.\n"
-     "policy\n    How a stamp between samples is answered. None: Interpolate().\n"
-     "timeout\n    Longest wait for an answer, in seconds; None: no wait. Only a buffer takes it. At\n"
-     "    its end the error of a plain lookup is raised; see `wait_for_transform`.\n\n"
+     "stamp\n    Stamp in nanoseconds (or an object that holds one). None: the latest common\n"
+     "    time, at which every moving edge of the path has data.\n"
+     "policy\n    How a pose between samples is computed. None: Interpolate().\n"
+     "timeout\n    Longest wait for the data, in seconds; None: no wait. Only a Buffer takes\n"
+     "    it. At its end the error of a lookup without timeout is raised; see\n"
+     "    `wait_for_transform`.\n\n"
      "Returns\n-------\nTransform\n    With a report of the samples that were used.\n\n"
      "Raises\n------\n"
      "UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear, InvalidStamp,\n"
@@ -308,17 +309,19 @@ PyMethodDef g_methods[] = {
      "target, source\n    Frame names.\n"
      "max_age\n    Seconds. An edge whose newest sample is older than `now - max_age` is refused.\n"
      "now\n    Stamp in nanoseconds; None asks the buffer's clock.\n\n"
-     "Returns\n-------\nTransform\n    Its stamp is the oldest of the stamps used, 0 if nothing moves.\n\n"
+     "Returns\n-------\nTransform\n    Its stamp is the oldest of the stamps used, 0 if nothing\n"
+     "    moves.\n\n"
      "Raises\n------\nUnknownFrame, Disconnected, Extrapolation (an edge has no data), Stale,\n"
      "InvalidStamp, InvalidArgument, SnapshotTooOld, SnapshotClosed"},
     {"_lookup_edge", as_function(lookup_edge), METH_FASTCALL | METH_KEYWORDS,
      "_lookup_edge($self, target, source, stamp, policy)\n--\n\n"
-     "`lookup_transform` over the edge from `source` to its parent `target`: no other edge is read.\n\n"
-     "Raises Disconnected if the edge has another parent at the stamp, and what `lookup_transform`\n"
-     "raises."},
+     "`lookup_transform` over the edge from `source` to its parent `target`: no other edge is\n"
+     "read.\n\n"
+     "Raises Disconnected if the edge has another parent at the stamp, and what\n"
+     "`lookup_transform` raises."},
     {"can_transform", as_function(can_transform), METH_FASTCALL | METH_KEYWORDS,
      "can_transform($self, target, source, stamp=None, policy=None)\n--\n\n"
-     "Return whether `lookup_transform` with these arguments has an answer.\n\n"
+     "Return whether `lookup_transform` with these arguments returns a transform.\n\n"
      "Raises\n------\nInvalidStamp, SnapshotTooOld, SnapshotClosed"},
 };
 

@@ -377,11 +377,11 @@ PyObject* make_message(PyObject* maker, PyObject* target, PyObject* source, cons
 
 void bind_messages(nb::module_& module) {
     nb::class_<MessageMaker> type(module, "MessageMaker",
-                                  R"(Makes the messages that a function of Python makes, faster.
+                                  R"(Makes the same messages as a Python function, faster.
 
-How is found from two messages that the function makes: the classes of their objects, and the slots
-in which they hold its arguments. Where there is more to them than objects with `__slots__`, the
-function is called each time.
+It calls the function twice, and reads from the two messages the classes of their objects, and the
+slots that hold the arguments. If the messages have other parts than objects with `__slots__`, it
+calls the function each time.
 
 Parameters
 ----------

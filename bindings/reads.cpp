@@ -102,23 +102,24 @@ CommitNumber commit_of(const StoreReaderObject& object) {
 constexpr const char* kCommonTimesDoc =
     R"(The oldest and the newest stamp at which the path between two frames has data.
 
-The path is that of the newest tree; at each stamp from the oldest to the newest every moving edge
-of it has data and the parent that it has there. The newest is `latest_common_time`; both are of one
-state. Where the oldest is above the newest, no stamp is covered by the whole path.
+The path is that of the newest tree. From the oldest to the newest stamp, each moving edge of it has
+data, and the same parent as in the newest tree. The newest stamp is `latest_common_time`; both are
+of one state. If the oldest is greater than the newest, no stamp is covered by the whole path.
 
 Returns
 -------
 (int, int)
-    Nanoseconds; both 0 if nothing moves. Of a frame and itself: those of its own samples, as for
-    tf2.
+    Nanoseconds; both 0 if no edge of the path moves. If both frames are the same, they are those of
+    the frame's own samples, as in tf2.
 
 Raises UnknownFrame, Disconnected.)";
 
 constexpr const char* kFullDoc =
-    R"(T[target at target_stamp <- source at source_stamp], through a frame that stays put.
+    R"(T[target at target_stamp <- source at source_stamp], through a fixed frame.
 
-That is T[target<-fixed_frame] at `target_stamp` times T[fixed_frame<-source] at `source_stamp`:
-where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
+The product of T[target<-fixed_frame] at `target_stamp` and T[fixed_frame<-source] at
+`source_stamp`. It maps a point that `source` saw at its stamp into `target` at the other stamp, if
+`fixed_frame` did not move.
 
 Parameters
 ----------
@@ -155,7 +156,7 @@ void bind_full_lookups(nb::class_<StoreReaderObject>& type) {
                      "tfdb.types.StampLike | None, source: str, source_stamp: "
                      "tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> bool"),
-             "Whether `lookup_transform_full` with these arguments has an answer.");
+             "Return whether `lookup_transform_full` with these arguments returns a transform.");
 }
 
 void bind_other_reads(nb::class_<StoreReaderObject>& type) {
@@ -164,8 +165,8 @@ void bind_other_reads(nb::class_<StoreReaderObject>& type) {
              nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
              R"(The newest stamp at which every moving edge between two frames has data.
 
-Nanoseconds; 0 if nothing moves. Of a frame and itself it is that of the frame's newest sample, as
-for tf2. Raises UnknownFrame, Disconnected.)");
+In nanoseconds; 0 if no edge of the path moves. If both frames are the same, it is the stamp of the
+frame's newest sample, as in tf2. Raises UnknownFrame, Disconnected.)");
     type.def("common_times", &common_times, nb::arg("target").none(), nb::arg("source").none(),
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              kCommonTimesDoc);
@@ -180,7 +181,7 @@ stamp
     Middle of the interval, nanoseconds; None: the latest common time.
 interval
     Seconds over which the difference is taken. Where the data or a parent begins or ends, the
-    interval is moved to lie inside; where there is less than that, it is all there is.
+    interval moves inside. If there is less data than the interval, all of it is used.
 reference
     The frame in whose axes the result is given; None: `target`.
 point, point_frame
@@ -191,7 +192,7 @@ Returns
 Twist
     `linear` in m/s, `angular` in rad/s, both float64 (3,).
 
-Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is one stamp only.)");
+Raises what `lookup_transform` raises; Extrapolation (`no data`) if there is only one stamp.)");
     type.def("_path_stamps", &path_stamps, nb::arg("target").none(), nb::arg("source").none(),
              nb::arg("start").none(), nb::arg("end").none(),
              nb::sig("def _path_stamps(self, target: str, source: str, start: "
@@ -248,8 +249,8 @@ void bind_snapshot(nb::module_& module) {
              R"(Return a snapshot of a later commit.
 
 A held snapshot protects its own state and all later ones, so a follower of `changes` can open the
-state of each commit. Either of the two may be closed first. The returned one keeps as much memory
-as this one: take a new snapshot from time to time.
+state of each commit. Either snapshot may be closed first. The returned one keeps as much memory as
+this one, so a follower should take a new snapshot from time to time.
 
 Parameters
 ----------
@@ -368,9 +369,9 @@ void bind_reads(nb::module_& module) {
     auto type = offered_class<nb::class_<StoreReaderObject>>(module, "StoreReader", R"(StoreReader()
 --
 
-What Buffer and Snapshot can be asked.
+The reads of Buffer and Snapshot.
 
-Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.)");
+Each call on a Buffer reads one new snapshot; each call on a Snapshot reads that snapshot.)");
     refuse_construction<StoreReaderObject>(type, "this class is abstract: create a Buffer");
     bind_full_lookups(type);
     bind_other_reads(type);
@@ -391,7 +392,7 @@ void bind_helpers(nb::module_& module) {
     module.def(
         "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
         nb::arg("stamp").none(), nb::sig("def to_nanoseconds(stamp: tfdb.types.StampLike) -> int"),
-        "Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.");
+        "Nanoseconds of a stamp in any accepted form. Raises InvalidStamp.");
     module.def(
         "duration_to_nanoseconds",
         [](nb::handle seconds, const std::string& name) {
@@ -399,7 +400,7 @@ void bind_helpers(nb::module_& module) {
         },
         nb::arg("seconds").none(), nb::arg("name"),
         nb::sig("def duration_to_nanoseconds(seconds: float, name: str) -> int"),
-        "Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.");
+        "Nanoseconds of a duration in seconds. Raises InvalidArgument with its name.");
     module.def("pose_parts", &pose_parts, nb::arg("parent").none(), nb::arg("child").none(),
                nb::arg("translation").none(), nb::arg("rpy").none(), nb::arg("wxyz").none(),
                nb::sig("def pose_parts(parent: str, child: str, translation: Any, rpy: Any, "

@@ -262,8 +262,8 @@ void bind_recorded(nb::module_& module) {
                      "collections.abc.Callable[[int], bool], learn: "
                      "collections.abc.Callable[[int, bytes], None]) -> tuple[int, int] | None"),
              "Add the wanted messages of an unpacked chunk, as they lie there.\n\n"
-             "`learn` gets the kind and content of the other records that the format knows, and of "
-             "what is too short for a message.\nReturns where the records break off, and how long "
+             "`learn` gets kind and content of the format's other records, and of messages that "
+             "are too short.\nReturns where the records break off, and how long "
              "the one says that it is which goes beyond the chunk.")
         .def("add", &Recorded::add, nb::arg("received"), nb::arg("source"), nb::arg("data"),
              "Add one message.")
@@ -272,21 +272,22 @@ void bind_recorded(nb::module_& module) {
              "Add the messages at [first, last) of others.")
         .def("renumber", &Recorded::renumber, nb::arg("numbers"),
              nb::sig("def renumber(self, numbers: dict[int, int]) -> None"),
-             "Give the sources other numbers, by the ones that they have.")
+             "Replace the numbers of sources, by a dict from old to new.")
         .def("place", &Recorded::place, nb::arg("received"),
-             "Where the first message is that was received then or later; they are sorted.")
+             "Index of the first message received at that time or later. The messages must be "
+             "sorted.")
         .def("sort", &Recorded::sort,
              "Sort by the time of reception; messages of one time stay as they were added.")
         .def("__len__", &Recorded::size)
         .def("__getitem__", &Recorded::at, nb::arg("index"),
              nb::sig("def __getitem__(self, index: int) -> tuple[int, int, bytes]"))
         .def("span", &Recorded::span, nb::sig("def span(self) -> tuple[int, int]"),
-             "When the first and the last were received; at least one message.")
+             "Times of reception of the first and the last message; there must be one.")
         .def("counts", &Recorded::counts, nb::sig("def counts(self) -> dict[int, int]"),
-             "How many messages there are of each source.")
+             "Number of messages by source.")
         .def("runs", &Recorded::runs, nb::arg("kinds"), nb::arg("most"),
              nb::sig("def runs(self, kinds: dict[int, int], most: int) -> list[tuple[int, int]]"),
-             "First and last + 1 of messages that follow each other and are of one kind.");
+             "Ranges [first, last) of successive messages of one kind.");
 }
 
 }  // namespace tfdb::python

@@ -275,9 +275,10 @@ void bind_records(nb::class_<StoreReaderObject>& type) {
                 "str | None"),
         R"(The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
-A sample's parent holds from its stamp to the next sample's; before the first sample and after the
-last one the nearest one's counts. A frame whose first parents would form a cycle is a root
-before its first sample. A static edge has its parent at every stamp. Raises UnknownFrame.)");
+A sample's parent holds from its stamp to that of the next sample. Before the first and after the
+last sample, the parent of the nearest one holds. If first parents would form a cycle, their frames
+are roots before their first samples. A static edge has its parent at every stamp. Raises
+UnknownFrame.)");
     type.def(
         "_reach", &reach, nb::arg("target").none(), nb::arg("source").none(),
         nb::arg("stamp").none(),
@@ -297,8 +298,8 @@ ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was
                      "tfdb.types.TreeColumns"),
              R"(The frames and facts of `tree(stamp)` as columns, for stores of many frames.
 
-Row i is the i-th frame by name; the values are those of its FrameInfo, and an array holds -1 or NaN
-where that has None.)");
+Row i is the i-th frame by name; the values are those of its FrameInfo. Arrays have -1 or NaN in
+place of None.)");
     type.def("_span", &span, nb::sig("def _span(self) -> tuple[int, int] | None"),
              "The first and the last stamp of all moving edges; None where nothing moves.");
     type.def("samples", &samples, nb::arg("name").none(),

@@ -139,7 +139,7 @@ void bind_rewriting(nb::module_& module) {
     };
     using Counts = MessageRewriter::Counts;
     nb::class_<MessageRewriter>(module, "MessageRewriter",
-                                "Writes recorded TFMessages again: chosen, renamed, encoded.")
+                                "Rewrites recorded TFMessages: selects, renames and encodes them.")
         .def(
             "__init__",
             [](MessageRewriter* self, nb::handle encoding) {
@@ -153,17 +153,17 @@ void bind_rewriting(nb::module_& module) {
              nb::sig("def rewrite(self, out: Recorded, messages: Recorded, first: int, last: int, "
                      "*, encoding: str, static: bool, sources: dict[int, tuple[str, int]], "
                      "selection: Selection | None) -> None"),
-             "Add to `out` what is left of the messages at [first, last).\n\n"
+             "Add the selected parts of the messages at [first, last) to `out`.\n\n"
              "`sources` are by source: publisher, rule of `selection`, and whether empty names are "
              "refused.")
         .def_prop_ro("messages", count(&Counts::messages), "Messages written.")
         .def_prop_ro("transforms", count(&Counts::transforms), "Transforms in these.")
         .def_prop_ro("refused", count(&Counts::refused),
-                     "Transforms refused of messages of which others were not.")
+                     "Refused transforms in messages with accepted ones.")
         .def_prop_ro("broken", count(&Counts::broken), "Messages of which nothing can be written.")
-        .def_prop_ro("left_out", count(&Counts::left_out), "Messages of which nothing was chosen.")
+        .def_prop_ro("left_out", count(&Counts::left_out), "Messages without a selected transform.")
         .def("refusals", &refusals, nb::sig("def refusals(self) -> list[tfdb.types.RefusedEdge]"),
-             "What was refused, by edge and error.");
+             "Refused transforms, by edge and error.");
     bind_chunk(module);
 }
 

@@ -133,8 +133,8 @@ void bind_selection(nb::module_& module) {
         .def("edges", &surveyed,
              nb::sig("def edges(self) -> dict[str, tuple[str, tuple[int, int] | None]] | None"),
              "Parent, and first and last stamp of a moving edge, by child.\n\n"
-             "None: an edge had several parents, or edges form a circle. Only a store can tell "
-             "what it keeps then.");
+             "None: an edge has several parents, or edges form a cycle. Then a store must judge "
+             "what it keeps.");
 }
 
 }  // namespace tfdb::python

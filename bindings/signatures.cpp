@@ -186,7 +186,7 @@ void add_signatures(nb::module_& module) {
     }
     module.def("checked", &checked_function, nb::arg("function"),
                nb::sig("def checked(function: collections.abc.Callable[..., Any]) -> Any"),
-               "The function, with our words for calls that do not fit its parameters.");
+               "The function, with tfdb's errors for calls that do not fit its parameters.");
     for (const nb::handle name :
          nb::make_tuple("Policy", "StoreReader", "NativeBuffer", "NativeSnapshot",
                         "NativeTransaction", "Watch", "Clock")) {

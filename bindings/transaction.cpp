@@ -241,9 +241,9 @@ PyMethodDef g_set_transform = {
     "set_transform($self, parent, child, stamp, translation, rotation=None, *, rpy=None, "
     "wxyz=None, authority='')\n--\n\n"
     "Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.\n\n"
-    "Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError\n"
-    "only at the commit. `change_kind` is missing: a transaction drops the samples of all moving\n"
-    "frames, by `clear`, or of none. `only_new` is missing: a transaction can read first which stamps are stored."};
+    "Arguments and errors as in `Buffer.set_transform`, but CycleError comes at the commit.\n"
+    "`change_kind` and `only_new` are missing: a transaction can `clear`, and can read the "
+    "stored stamps first."};
 
 void set_static_transform(TransactionObject& self, nb::handle parent, nb::handle child,
                           nb::handle translation, nb::handle rotation, nb::handle rpy,
@@ -410,9 +410,9 @@ child, parent
 stamp
     Nanoseconds: before it the child keeps its parent. None: a static edge, at every stamp.
 translation, rotation, rpy, wxyz
-    T[parent<-child], as in `Buffer.set_transform`. Without all of them the child stays where it is:
-    T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
-    Without a rotation: not rotated.
+    T[parent<-child], as in `Buffer.set_transform`. Without any of them the child stays in place:
+    T[parent<-child] is looked up at `stamp`, which needs data there. With a translation alone: not
+    rotated.
 authority
     Name of the writer.
 
@@ -432,7 +432,7 @@ void bind_full_lookups(TransactionClass& type) {
                 "None) -> Transform"),
         R"(T[target at target_stamp <- source at source_stamp], as `Buffer.lookup_transform_full`.
 
-Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
+Raises the errors of that method, and Conflict, TransactionClosed, WrongThread.)");
     type.def("can_transform_full", &can_transform_full, nb::arg("target").none(),
              nb::arg("target_stamp").none(), nb::arg("source").none(),
              nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
@@ -441,7 +441,7 @@ Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
                      "tfdb.types.StampLike | None, source: str, source_stamp: "
                      "tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> bool"),
-             "Whether `lookup_transform_full` with these arguments has an answer.");
+             "Return whether `lookup_transform_full` with these arguments returns a transform.");
 }
 
 void bind_lookups(TransactionClass& type) {
@@ -454,8 +454,8 @@ void bind_lookups(TransactionClass& type) {
                      "Transform"),
              R"(T[target<-source] at a stamp, as `Buffer.lookup_transform`.
 
-Its report stays right after the transaction has ended. Raises what that raises, and Conflict,
-TransactionClosed, WrongThread.)");
+Its report stays valid after the end of the transaction. Raises the errors of that method, and
+Conflict, TransactionClosed, WrongThread.)");
     type.def(
         "lookup_latest_transform", &lookup_latest_transform, nb::arg("target").none(),
         nb::arg("source").none(), nb::arg("max_age") = nb::none(), nb::arg("now") = nb::none(),
@@ -463,7 +463,7 @@ TransactionClosed, WrongThread.)");
                 "None = None, now: tfdb.types.StampLike | None = None) -> Transform"),
         R"(T[target<-source] from each edge's newest sample, as `Buffer.lookup_latest_transform`.
 
-Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
+Raises the errors of that method, and Conflict, TransactionClosed, WrongThread.)");
     type.def("lookup_transforms", &lookup_transforms, nb::arg("target").none(),
              nb::arg("source").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(),
              nb::kw_only(), nb::arg("layout").none() = "pose", nb::arg("out") = nb::none(),
@@ -482,9 +482,9 @@ WrongThread.)");
              nb::arg("stamp") = nb::none(), nb::arg("policy") = nb::none(),
              nb::sig("def can_transform(self, target: str, source: str, stamp: "
                      "tfdb.types.StampLike | None = None, policy: Policy | None = None) -> bool"),
-             R"(Whether `lookup_transform` with these arguments has an answer.
+             R"(Return whether `lookup_transform` with these arguments returns a transform.
 
-The answer counts as a read: a commit that changes it is a Conflict.)");
+The result counts as a read: a commit that changes it causes a Conflict.)");
     type.def("latest_common_time", &latest_common_time, nb::arg("target").none(),
              nb::arg("source").none(),
              nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
@@ -504,15 +504,16 @@ The answer counts as a read: a commit that changes it is a Conflict.)");
 }
 
 void bind_frames(TransactionClass& type) {
-    type.def("frames", &frames, nb::sig("def frames(self) -> list[str]"),
-             "Names of all frames, sorted. A frame that comes or goes meanwhile is a Conflict.");
+    type.def(
+        "frames", &frames, nb::sig("def frames(self) -> list[str]"),
+        "Names of all frames, sorted. A commit that creates or removes a frame causes a Conflict.");
     type.def("frame_info", &frame_info, nb::arg("name").none(),
              nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
              "One frame and the edge to its parent, as `Buffer.frame_info`.");
     type.def("tree", &tree, nb::arg("stamp") = nb::none(),
              nb::sig("def tree(self, stamp: tfdb.types.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),
-             "All frames with their parents, as `Buffer.tree`. It depends on every edge.");
+             "All frames with their parents, as `Buffer.tree`. It counts as a read of every edge.");
     type.def("tree_columns", &tree_columns, nb::arg("stamp") = nb::none(),
              nb::sig("def tree_columns(self, stamp: tfdb.types.StampLike | None = None) -> "
                      "tfdb.types.TreeColumns"),
@@ -554,7 +555,7 @@ void bind_transaction_writes(TransactionClass& type) {
             "None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None"),
         R"(Store T[parent<-child] for every stamp, at the commit.
 
-Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
+Arguments and errors as in `Buffer.set_static_transform`, but CycleError comes at the commit.
 `change_kind` is missing, as in `set_transform`.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
              nb::arg("static") = false, nb::arg("authority").none() = "",
@@ -563,48 +564,50 @@ Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at
                      "False, authority: str = '') -> None"),
              R"(Store a batch of transforms T[parent<-child], at the commit.
 
-Arguments and errors as in `Buffer.set_transforms`, but CycleError only at the commit. A batch that
-is refused leaves the transaction as it was, and open. `change_kind` and `only_new` are missing as
-in `set_transform`. `partial` is missing: write one by one, and catch the errors.)");
+Arguments and errors as in `Buffer.set_transforms`, but CycleError comes at the commit. A refused
+batch leaves the transaction open and unchanged. `change_kind` and `only_new` are missing as in
+`set_transform`. `partial` is missing: write one by one, and catch the errors.)");
     type.def("remove_frames", &remove_frames, nb::arg("names").none(), nb::kw_only(),
              nb::arg("recursive") = false,
              nb::sig("def remove_frames(self, names: str | collections.abc.Iterable[str], *, "
                      "recursive: bool = False) -> None"),
              R"(Remove a frame, or several, at the commit.
 
-Arguments and errors as in `Buffer.remove_frames`. The commit raises ReadOnly for every frame of a
+Arguments and errors as in `Buffer.remove_frames`. The commit raises ReadOnly for frames of a
 mirrored store.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> None"),
              R"(Drop all moving samples at the commit; frames and static transforms stay.
 
-The commit raises ReadOnly if there are moving samples that `apply` brings of another store.
+Moving samples that the transaction stored before are dropped as well. The same commit stores those
+that it stores afterwards, so no reader finds the store empty. An edge may then become static, or
+moving, as after `Buffer.clear`.
 
-What the transaction stored before goes as well, but for static transforms; what it stores
-afterwards is stored by the same commit, so no reader finds the store empty. An edge may then become
-static, or moving, as after `Buffer.clear`. The samples that others store until the commit are
-dropped, which is no Conflict; another transaction that read one of the dropped samples has one.)");
+Samples that other writers store before the commit are dropped without a Conflict. Other
+transactions that read dropped samples get a Conflict. The commit raises ReadOnly if the store has
+moving samples of another store (`apply`).)");
     type.def(
         "reparent", &reparent, nb::arg("child").none(), nb::arg("parent").none(),
         nb::arg("stamp") = nb::none(), nb::arg("translation") = nb::none(),
         nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("rpy") = nb::none(),
         nb::arg("wxyz") = nb::none(), nb::arg("authority").none() = "",
-        nb::sig(
-            "def reparent(self, child: str, parent: str, stamp: tfdb.types.StampLike | "
-            "None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None "
-            "= None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: "
-            "tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None"),
+        nb::sig("def reparent(self, child: str, parent: str, stamp: tfdb.types.StampLike | "
+                "None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None "
+                "= None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: "
+                "tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, "
+                "authority: str = '') -> None"),
         kReparentDoc);
 }
 
 void bind_life(TransactionClass& type) {
     type.def("abort", &abort, nb::sig("def abort(self) -> None"),
-             R"(Abort: nothing of the transaction is stored. The `with` block may be left normally.
+             R"(Abort the transaction: nothing of it is stored. The `with` block may end normally.
 
 Does nothing after an abort, a Conflict or another error at the commit. Raises TransactionClosed if
 it was committed, or never begun.)");
     type.def_prop_ro(
         "closed", [](const TransactionObject& self) { return !self.transaction.is_open(); },
-        nb::sig("def closed(self) -> bool"), "True before its begin and after its end.");
+        nb::sig("def closed(self) -> bool"),
+        "True before the transaction begins and after it ends.");
     type.def_prop_ro("commit", &commit_number, nb::sig("def commit(self) -> int | None"),
                      "Number of its commit, or of the state that it read if it wrote nothing; None "
                      "unless it was committed.");
@@ -649,13 +652,14 @@ void bind_transaction(nb::module_& module, nb::class_<BufferObject, StoreReaderO
         nb::sig("def transaction(self, priority: int = 0) -> Transaction"),
         R"(Return a transaction: `with buf.transaction() as tx:` reads and writes in isolation.
 
-Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: above 0
-it commits before ordinary writers, and where the engine makes one of two start again, the higher
-goes first. Raises InvalidArgument; the `with` statement raises Conflict, TransactionActive, and
-CycleError, CapacityExceeded at the commit.)");
+The `with` statement begins it, and commits at its end. `priority` is an integer from 0 to 7. Above
+0 it commits before ordinary writers. If an engine restarts one of two transactions, the higher
+priority continues. Raises InvalidArgument. The `with` statement raises Conflict, TransactionActive
+and, at the commit, CycleError and CapacityExceeded.)");
     type.def("_attempt", &attempt, nb::arg("priority").none(), nb::arg("alone"), nb::arg("age"),
              nb::sig("def _attempt(self, priority: int, alone: bool, age: int) -> Transaction"),
-             "A transaction that may run alone, and keeps the age of one that lost.");
+             "Return a transaction for another attempt: it may run alone, and keeps the age of the "
+             "aborted one.");
 }
 
 }  // namespace tfdb::python

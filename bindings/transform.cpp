@@ -424,8 +424,7 @@ PyGetSetDef g_attributes[] = {
     {"target", get_target, nullptr, "The frame into which it maps.", nullptr},
     {"source", get_source, nullptr, "The frame from which it maps.", nullptr},
     {"report", get_report, nullptr,
-     "How it was computed, edge by edge. Without edges if it was not looked up, or was\n"
-     "multiplied.",
+     "How it was computed, edge by edge. Only the direct result of a lookup has edges in it.",
      nullptr},
     {nullptr, nullptr, nullptr, nullptr, nullptr},
 };
@@ -434,11 +433,12 @@ PyMethodDef g_methods[] = {
     {"from_matrix", as_function(from_matrix), METH_FASTCALL | METH_KEYWORDS | METH_CLASS,
      "from_matrix($type, matrix, target, source, stamp=0)\n--\n\n"
      "T[target<-source] from a homogeneous matrix (4, 4): p_target = matrix p_source.\n\n"
-     "Raises InvalidArray, and InvalidTransform, which says by how much, where it is not rigid: a\n"
-     "last row other than 0 0 0 1, a reflection, a scale, a shear, numbers that are not finite."},
+     "Raises InvalidArray for a wrong shape. Raises InvalidTransform, with the deviation, for a\n"
+     "matrix that is not rigid: another last row than 0 0 0 1, a reflection, scale or shear, or\n"
+     "numbers that are not finite."},
     {"to_msg", as_function(to_msg), METH_FASTCALL | METH_KEYWORDS,
      "to_msg($self, /)\n--\n\n"
-     "A geometry_msgs/TransformStamped: the installed ROS's, or where there is none the one of\n"
+     "Return a geometry_msgs/TransformStamped of the installed ROS, without ROS one of\n"
      "`tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source."},
     {"_numbers", numbers, METH_NOARGS,
      "_numbers($self, /)\n--\n\n"
@@ -446,15 +446,15 @@ PyMethodDef g_methods[] = {
     {"_repr_html_", represent_html, METH_NOARGS,
      "_repr_html_($self, /)\n--\n\nA table for notebooks."},
     {"inverse", as_function(inverse), METH_FASTCALL | METH_KEYWORDS,
-     "inverse($self, /)\n--\n\nT[source<-target]: the same in the other direction.\n\n"
-     "Raises InvalidTransform where a translation is too large for the result to be finite."},
+     "inverse($self, /)\n--\n\nReturn T[source<-target].\n\n"
+     "Raises InvalidTransform if the result is not finite, as of a huge translation."},
     {"apply", as_function(apply), METH_FASTCALL | METH_KEYWORDS,
      "apply($self, points)\n--\n\n"
      "Map points of the source frame into the target frame.\n\n"
-     "`points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).\n"
-     "A coordinate that is not a finite number is taken as it is. Returns a new array of the same\n"
-     "shape and dtype. Raises InvalidArray, and InvalidTransform, with `index`, where a finite\n"
-     "point has no finite place in that dtype."},
+     "`points` is (3,) or (N, 3), float32 or float64; other types are converted to float64. NaN\n"
+     "and infinite coordinates are allowed. Returns a new array of the same shape and dtype.\n"
+     "Raises InvalidArray. Raises InvalidTransform, with `index`, if the result of a finite\n"
+     "point is not finite in that dtype."},
     {"__array__", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(as_array)),
      METH_VARARGS | METH_KEYWORDS,
      "__array__($self, dtype=None, copy=None)\n--\n\n"
@@ -468,12 +468,12 @@ PyMethodDef g_methods[] = {
 constexpr const char* kDoc =
     "Transform(target, source, translation, rotation=None, stamp=0, *, rpy=None, wxyz=None)\n--\n\n"
     "A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.\n\n"
-    "Lookups return it; it can also be made from a translation (metres) and a unit quaternion\n"
-    "(x, y, z, w) or a Rotation of scipy, `rpy` or `wxyz`, or from a whole pose in place of the\n"
-    "translation: see `Buffer.set_transform`. `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if\n"
-    "A.source is not B.target, and InvalidTransform if the result is not finite; the result has\n"
-    "the older of the two stamps (0: at all times).\n"
-    "Equal ones (frames, stamp and pose) have the same hash. Its arrays are read-only.";
+    "Lookups return it. The constructor takes a pose in each form of `Buffer.set_transform`: a\n"
+    "translation in metres and a unit quaternion x y z w, `rpy` or `wxyz`, or a whole pose. `A\n"
+    "@ B` chains T[a<-b] and T[b<-c] to T[a<-c], with the older of the two stamps (0: at all\n"
+    "times). It raises InvalidArgument if A.source is not B.target, and InvalidTransform if the\n"
+    "result is not finite. Transforms with equal frames, stamp and pose are equal and have the\n"
+    "same hash. The arrays are read-only.";
 
 PyType_Slot g_slots[] = {
     {Py_tp_new, reinterpret_cast<void*>(new_from_python)},

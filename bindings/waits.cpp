@@ -139,38 +139,38 @@ void bind_begun_waits(BufferClass& type) {
              nb::arg("stamp").none(), nb::arg("policy").none(),
              nb::sig("def _begin_wait(self, target: str, source: str, stamp: "
                      "tfdb.types.StampLike | None, policy: Policy | None) -> int"),
-             "Number of a wait that `_ended_waits` will tell of; 0: the answer is there.");
+             "Begin a wait, and return its number for `_ended_waits`; 0: the result is present.");
     type.def("_begin_wait_full", &begin_wait_full, nb::arg("target"),
              nb::arg("target_stamp").none(), nb::arg("source"), nb::arg("source_stamp").none(),
              nb::arg("fixed_frame"),
              nb::sig("def _begin_wait_full(self, target: str, target_stamp: "
                      "tfdb.types.StampLike | None, source: str, source_stamp: "
                      "tfdb.types.StampLike | None, fixed_frame: str) -> int"),
-             "The same for an answer through a fixed frame.");
+             "Begin a wait for `lookup_transform_full`, as `_begin_wait`.");
     type.def("_begin_wait_as_new", &begin_wait_as_new, nb::arg("target"), nb::arg("source"),
              nb::arg("stamp"),
              nb::sig("def _begin_wait_as_new(self, target: str, source: str, stamp: "
                      "tfdb.types.StampLike) -> int"),
-             "The same for a latest common time of `stamp` or newer.");
+             "Begin a wait for a latest common time of `stamp` or newer.");
     type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
              nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),
-             "The same for a commit with a greater number.");
+             "Begin a wait for a commit with a greater number.");
     type.def("_cancel_wait", &cancel_wait, nb::arg("number"),
              nb::sig("def _cancel_wait(self, number: int) -> bool"),
-             "Whether the wait had not ended; its end will not be reported.");
-    type.def(
-        "_ended_waits", &ended_waits, nb::arg("timeout").none(),
-        nb::sig("def _ended_waits(self, timeout: float | None) -> dict[int, int]"),
-        "Wait until some of those that were begun end: their numbers, in order, and how they did.");
+             "Cancel a wait. Returns False if it has ended before.");
+    type.def("_ended_waits", &ended_waits, nb::arg("timeout").none(),
+             nb::sig("def _ended_waits(self, timeout: float | None) -> dict[int, int]"),
+             "Wait until begun waits end. Returns how each ended, by its number, in order.");
     type.def("_await_ended_waits", &await_ended_waits, nb::arg("timeout").none(),
              nb::sig("def _await_ended_waits(self, timeout: float | None) -> None"),
-             "The same, but `_ended_waits(0)`, of any thread, is to take them.");
+             "Wait until begun waits end; `_ended_waits(0)` of any thread then returns them.");
     type.def("_set_waits_begun", &set_waits_begun, nb::arg("begun"),
              nb::sig("def _set_waits_begun(self, begun: bool) -> None"),
-             "Whether `waiting.write` is to make the writes of tfdb.tf2, for waits were begun.");
+             "Set whether writes of tfdb.tf2 go through `waiting.write`, as they must while waits "
+             "are begun.");
     type.def("_check_wait", &check_wait, nb::arg("how"),
              nb::sig("def _check_wait(self, how: int) -> int"),
-             "Raise what ended a wait, if it was not its time; else give the newest commit.");
+             "Raise the error that ended a wait. After a timeout, return the newest commit.");
     type.def_static(
         "_may_be_frame",
         [](nb::handle name) { return store::name_fault(name_of(name, "name")) == nullptr; },
@@ -178,7 +178,7 @@ void bind_begun_waits(BufferClass& type) {
         "Whether a frame can have the name.");
     type.def("_stop_waits", &stop_waits, nb::arg("stop"),
              nb::sig("def _stop_waits(self, stop: bool) -> None"),
-             "End all waits, and those to come, as if their time were over, until called with "
+             "With True, end all present and future waits as by their timeout, until called with "
              "False.");
 }
 
@@ -188,8 +188,8 @@ void bind_closing(BufferClass& type) {
 
 `commit`, `memory` and `counters` raise it as well. `history`, `concurrency`, `shared`, `frozen`
 and the repr can still be read.
-Snapshots and transactions that are open stay so. The memory goes with the last reference to them
-and to the buffer. Closing twice does nothing.)");
+Open snapshots and transactions stay open. The memory is freed with the last reference to them and
+to the buffer. A second call does nothing.)");
     type.def_prop_ro(
         "closed", [](const BufferObject& self) { return self.closed.load(); },
         nb::sig("def closed(self) -> bool"), "True after close().");
@@ -215,15 +215,14 @@ void bind_waits(BufferClass& type) {
              nb::sig("def wait_for_commit(self, after: int, timeout: float | None = None) -> int"),
              R"(Wait until there is a commit with a number greater than `after`.
 
-The commit wakes it, from any thread or process, at most once per millisecond: faster commits
-are seen together.
+Commits of any thread or process wake it, at most once per millisecond.
 
 Parameters
 ----------
 after
     The last commit that the caller knows: `commit`, or what this returned.
 timeout
-    Seconds, at most; None: for ever.
+    Longest wait in seconds; None: no limit.
 
 Returns
 -------

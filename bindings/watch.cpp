@@ -154,26 +154,26 @@ PyType_Slot g_watch_slots[] = {
 constexpr const char* kClassDoc = R"(Watch()
 --
 
-Frames and paths whose commits a follower wants.
+Waits for commits that touch some frames or paths.
 
-`Buffer.watch()` makes it. Use it as a context manager, or close() it.)";
+`Buffer.watch()` returns it. Use it as a context manager, or close() it.)";
 
 constexpr const char* kWatchDoc =
     R"(Return a watch of frames and paths: `next` waits for the commits that touch them.
 
-A commit touches a frame if it stores samples of it, or moves, clears, makes or removes it. It
-touches a pair if it touches a frame of the path between the two, as the newest parents give it
-before the commit or after it. The path is followed when a frame of it is moved, removed or made.
+A commit touches a frame if it stores samples of the frame, or moves, clears, creates or removes it.
+A commit touches a pair if it touches a frame of the path between the two, before or after the
+commit. If a commit changes the path, the watch follows the new one.
 
 Parameters
 ----------
 frames
-    Names of frames, one or several; they may be missing yet.
+    Names of frames, one or several. They may be created later.
 pairs
-    Pairs (target, source) of frame names, as for `lookup_transform`. Of two frames that nothing
-    joins, the path goes up to both roots.
+    Pairs (target, source) of frame names, as for `lookup_transform`. If no path joins the two, the
+    paths from both to their roots are watched.
 every
-    Whether every commit counts. A record says which frames and pairs it touched; it may be none.
+    Return a record for every commit, also if it touches nothing watched.
 
 Returns
 -------
@@ -186,41 +186,40 @@ InvalidArgument
 InvalidName
     No frame can have the name.
 NotSupported
-    Waits are not supported either: a research engine, a frozen store, or a shared one whose control
-    file this process may not write to.
+    The store has no waits: a research engine, a frozen store, or a shared one whose control file
+    this process may not write to.
 BufferClosed, TransactionActive)";
 
 constexpr const char* kNextDoc =
-    R"(Wait for commits after `after` that touch what is watched; return all of them so far.
+    R"(Wait for commits after `after` that touch the watched frames or pairs, and return them all.
 
-It sleeps and reads the feed without the GIL. Other commits cost no Python and wake no thread. No
-commit is missed, and none comes twice to a caller that goes on with the last one's number. A watch
-whose `next` waits is not lapped by commits that do not touch it.
+It waits and reads the feed without the GIL. Other commits run no Python code, wake no thread, and
+do not lap a waiting `next`. A caller that passes the last record's commit as the next `after`
+misses no commit, and gets none twice.
 
-While a frame of a pair's path, or above it, has samples of several parents, every commit touches
-the pair: which frames are on its path depends on the stamp. The same holds from a commit whose
-state can be read no more on, as it may happen to a follower that is late, until the path can be
-read again. A held snapshot of `after` prevents that.
+While a frame of a pair's path, or above it, has samples with several parents, every commit touches
+the pair, because its path depends on the stamp. The same holds while a late follower cannot read
+the state of a commit. A held snapshot of `after` prevents the latter.
 
 Parameters
 ----------
 after
     A commit: that of a snapshot, or of the last record.
 timeout
-    Seconds, at most; None: for ever. 0: what is there.
+    Longest wait in seconds; None: no limit. 0: return what is present.
 limit
     Largest number of records; None: all.
 
 Returns
 -------
 list[Touched]
-    In the order of commits, each with what it touched: names, and pairs as tuples. Empty at the end
-    of the timeout, and when the process ends.
+    In commit order, each with the touched frames and pairs. Empty at the end of the timeout, and
+    when the process ends.
 
 Raises
 ------
 FeedLapped
-    The feed of changes does not reach back to `after`: as for `Buffer.changes`.
+    The feed no longer has the commit after `after`, as in `Buffer.changes`.
 InvalidArgument
     The commit does not exist yet.
 WatchClosed, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was

@@ -561,8 +561,8 @@ Raises
 CorruptMessage
     The bytes are not a TFMessage. Fields: offset, reason.
 
-And what `set_transforms` raises, if no transform of the message can be stored. Nothing was stored
-where it raises.
+And the errors of `set_transforms`, if no transform of the message can be stored. Nothing is stored
+if it raises.
 
 Warns
 -----
@@ -574,11 +574,10 @@ One leading '/' of a frame name is dropped, as tf does.)";
 constexpr const char* kIngestManyDoc =
     R"(Store many TFMessages, one commit each.
 
-A transform that is refused is counted, by its edge and error, and the others of its message are
-stored. A message that is damaged is counted and left out. Arguments as in `ingest`; `messages` is
-an iterable of bytes-like objects. `authority` may also be a sequence, with one name for each
-message. Raises InvalidArgument if it then differs in length; nothing was stored. Ctrl-C ends it
-between two messages; those before are stored.)";
+Refused transforms are counted by edge and error, and the others of their message are stored.
+Damaged messages are counted and left out. Arguments as in `ingest`. `authority` may be a sequence
+with one name for each message; with another length it raises InvalidArgument, and nothing is
+stored. Ctrl-C ends the call between two messages; those before are stored.)";
 
 void bind_messages_of_recordings(nb::module_& module) {
     bind_recorded(module);

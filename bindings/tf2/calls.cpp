@@ -350,42 +350,42 @@ constexpr const char* kLookupCoreDoc =
     "Returns\n-------\ngeometry_msgs.msg.TransformStamped\n"
     "    Its stamp is the time, or the latest common time.\n\n"
     "Raises LookupException, ConnectivityException, ExtrapolationException,\n"
-    "InvalidArgumentException; TypeError for what is not a time.";
+    "InvalidArgumentException; TypeError for an invalid time.";
 
 constexpr const char* kCanCoreDoc =
     "can_transform_core($self, target_frame, source_frame, time)\n--\n\n"
-    "Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).\n\n"
-    "Raises TypeError for what is not a time or no name.";
+    "Whether `lookup_transform_core` succeeds: (1, '') or (0, reason).\n\n"
+    "Raises TypeError for an invalid time or name.";
 
 constexpr const char* kSetDoc =
     "set_transform($self, transform, authority)\n--\n\n"
     "Store T[header.frame_id<-child_frame_id] at header.stamp.\n\n"
-    "One leading '/' of each frame name is dropped. What is refused is logged (logger\n"
-    "`tfdb.tf2`) in tf2's words. Of the same stamp again the first value stays in ROS 1, the last\n"
-    "one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.\n\n"
+    "One leading '/' of each frame name is dropped. Refused transforms are logged\n"
+    "(logger `tfdb.tf2`) with tf2's text. A repeated stamp keeps its first value in ROS 1, and\n"
+    "its last in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.\n\n"
     "Parameters\n----------\n"
     "transform\n    A `geometry_msgs/TransformStamped` of any library.\n"
     "authority\n    Name of the writer.\n\n"
-    "Raises TypeError for other messages. What is wrong with the store, not with the\n"
-    "transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.";
+    "Raises TypeError for other messages. Errors of the store itself are raised as by\n"
+    "`tfdb.Buffer`: CapacityExceeded, ReadOnly, LockTimeout.";
 
 constexpr const char* kLookupDoc =
     "lookup_transform($self, target_frame, source_frame, time, timeout=None)\n--\n\n"
-    "T[target_frame<-source_frame] at a time, once it is there.\n\n"
+    "Wait for T[target_frame<-source_frame] at a time, and return it.\n\n"
     "Parameters\n----------\n"
     "target_frame, source_frame\n    Frame names.\n"
     "time\n    When; 0: the latest common time.\n"
-    "timeout\n    A duration, or seconds as a float: how long to wait for it at most.\n\n"
+    "timeout\n    Longest wait: a duration, or seconds as a float.\n\n"
     "Returns\n-------\ngeometry_msgs.msg.TransformStamped\n"
     "    Maps points of the source into the target: p_target = T p_source.\n\n"
-    "Raises what `lookup_transform_core` raises, once the time is up;\n"
+    "Raises the errors of `lookup_transform_core` at the end of the timeout;\n"
     "InvalidArgumentException at once.";
 
 constexpr const char* kCanDoc =
     "can_transform($self, target_frame, source_frame, time, timeout=None, "
     "return_debug_tuple=False)\n--\n\n"
-    "Whether `lookup_transform` has an answer, or has one in time.\n\n"
-    "`return_debug_tuple`: return (whether, why not). Arguments as in `lookup_transform`.";
+    "Whether `lookup_transform` succeeds within the timeout.\n\n"
+    "`return_debug_tuple`: return (result, reason). Arguments as in `lookup_transform`.";
 
 PyMethodDef g_core_methods[] = {
     {"lookup_transform_core", as_function(lookup_transform_core), METH_FASTCALL | METH_KEYWORDS,
@@ -395,11 +395,11 @@ PyMethodDef g_core_methods[] = {
     {"set_transform", as_function(set_transform), METH_FASTCALL | METH_KEYWORDS, kSetDoc},
     {"_answer_by", as_function(answer_by), METH_FASTCALL | METH_KEYWORDS,
      "_answer_by($self, buffer, maker, only_time, *, change_kind, only_new)\n--\n\n"
-     "Answer what is plain from now on, without the methods in Python.\n\n"
+     "Run simple calls natively from now on.\n\n"
      "Parameters\n----------\n"
-     "buffer\n    The store. Of a subclass of `Buffer` nothing is plain.\n"
-     "maker\n    The MessageMaker of what lookups return.\n"
-     "only_time\n    The one class of times that is plain, beside int; None: any time is.\n"
+     "buffer\n    The store. With a subclass of `Buffer`, all calls run in Python.\n"
+     "maker\n    Makes the messages that lookups return.\n"
+     "only_time\n    The only class of times, beside int, that runs natively. None: any class.\n"
      "change_kind, only_new\n    As in `Buffer.set_transform`."},
     {nullptr, nullptr, 0, nullptr},
 };
@@ -411,14 +411,15 @@ PyMethodDef g_buffer_methods[] = {
 };
 
 constexpr const char* kCoreDoc =
-    "The hottest calls of `tfdb.tf2.BufferCore`, its base class.\n\n"
-    "Each is answered here where that is plain, else by the method in Python of the same name\n"
-    "behind an underscore.";
+    "Native versions of the most used calls of `tfdb.tf2.BufferCore`.\n\n"
+    "Simple calls run natively. Others call the Python method of the same name with an\n"
+    "underscore.";
 
 constexpr const char* kBufferDoc =
-    "The hottest calls of `tfdb.tf2.Buffer`, a base class of it beside `BufferCore`.\n\n"
-    "As `CoreCalls`. Where a subclass has a `lookup_transform_core` or `can_transform_core` of its\n"
-    "own, the methods in Python are called.";
+    "Native versions of the most used calls of `tfdb.tf2.Buffer`, as `CoreCalls` of\n"
+    "`BufferCore`.\n\n"
+    "If a subclass overrides `lookup_transform_core` or `can_transform_core`, the Python methods\n"
+    "run.";
 
 PyType_Slot g_core_slots[] = {
     {Py_tp_traverse, reinterpret_cast<void*>(traverse)},

@@ -37,12 +37,12 @@ class Transform:
     """
     A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.
 
-    Lookups return it; it can also be made from a translation (metres) and a unit quaternion
-    (x, y, z, w) or a Rotation of scipy, `rpy` or `wxyz`, or from a whole pose in place of the
-    translation: see `Buffer.set_transform`. `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if
-    A.source is not B.target, and InvalidTransform if the result is not finite; the result has
-    the older of the two stamps (0: at all times).
-    Equal ones (frames, stamp and pose) have the same hash. Its arrays are read-only.
+    Lookups return it. The constructor takes a pose in each form of `Buffer.set_transform`: a
+    translation in metres and a unit quaternion x y z w, `rpy` or `wxyz`, or a whole pose. `A
+    @ B` chains T[a<-b] and T[b<-c] to T[a<-c], with the older of the two stamps (0: at all
+    times). It raises InvalidArgument if A.source is not B.target, and InvalidTransform if the
+    result is not finite. Transforms with equal frames, stamp and pose are equal and have the
+    same hash. The arrays are read-only.
     """
 
     def __new__(
@@ -74,13 +74,14 @@ class Transform:
         """
         T[target<-source] from a homogeneous matrix (4, 4): p_target = matrix p_source.
 
-        Raises InvalidArray, and InvalidTransform, which says by how much, where it is not rigid: a
-        last row other than 0 0 0 1, a reflection, a scale, a shear, numbers that are not finite.
+        Raises InvalidArray for a wrong shape. Raises InvalidTransform, with the deviation, for a
+        matrix that is not rigid: another last row than 0 0 0 1, a reflection, scale or shear, or
+        numbers that are not finite.
         """
 
     def to_msg(self) -> Any:
         """
-        A geometry_msgs/TransformStamped: the installed ROS's, or where there is none the one of
+        Return a geometry_msgs/TransformStamped of the installed ROS, without ROS one of
         `tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source.
         """
 
@@ -101,9 +102,9 @@ class Transform:
 
     def inverse(self) -> Transform:
         """
-        T[source<-target]: the same in the other direction.
+        Return T[source<-target].
 
-        Raises InvalidTransform where a translation is too large for the result to be finite.
+        Raises InvalidTransform if the result is not finite, as of a huge translation.
         """
 
     @overload
@@ -113,10 +114,10 @@ class Transform:
         """
         Map points of the source frame into the target frame.
 
-        `points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).
-        A coordinate that is not a finite number is taken as it is. Returns a new array of the same
-        shape and dtype. Raises InvalidArray, and InvalidTransform, with `index`, where a finite
-        point has no finite place in that dtype.
+        `points` is (3,) or (N, 3), float32 or float64; other types are converted to float64. NaN
+        and infinite coordinates are allowed. Returns a new array of the same shape and dtype.
+        Raises InvalidArray. Raises InvalidTransform, with `index`, if the result of a finite
+        point is not finite in that dtype.
         """
     @overload
     def apply(
@@ -171,8 +172,7 @@ class Transform:
     @property
     def report(self) -> tfdb.types.Report:
         """
-        How it was computed, edge by edge. Without edges if it was not looked up, or was
-        multiplied.
+        How it was computed, edge by edge. Only the direct result of a lookup has edges in it.
         """
 
 def _restore_transform(*state: object) -> Transform: ...
@@ -181,19 +181,20 @@ def _enough_rows(stamps: numpy.typing.NDArray[numpy.int64], poses: numpy.typing.
 
 class StoreReader:
     """
-    What Buffer and Snapshot can be asked.
+    The reads of Buffer and Snapshot.
 
-    Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.
+    Each call on a Buffer reads one new snapshot; each call on a Snapshot reads that snapshot.
     """
 
     def __init__(self) -> None: ...
 
     def lookup_transform_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
-        T[target at target_stamp <- source at source_stamp], through a frame that stays put.
+        T[target at target_stamp <- source at source_stamp], through a fixed frame.
 
-        That is T[target<-fixed_frame] at `target_stamp` times T[fixed_frame<-source] at `source_stamp`:
-        where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
+        The product of T[target<-fixed_frame] at `target_stamp` and T[fixed_frame<-source] at
+        `source_stamp`. It maps a point that `source` saw at its stamp into `target` at the other stamp, if
+        `fixed_frame` did not move.
 
         Parameters
         ----------
@@ -214,29 +215,31 @@ class StoreReader:
         """
 
     def can_transform_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
-        """Whether `lookup_transform_full` with these arguments has an answer."""
+        """
+        Return whether `lookup_transform_full` with these arguments returns a transform.
+        """
 
     def latest_common_time(self, target: str, source: str) -> int:
         """
         The newest stamp at which every moving edge between two frames has data.
 
-        Nanoseconds; 0 if nothing moves. Of a frame and itself it is that of the frame's newest sample, as
-        for tf2. Raises UnknownFrame, Disconnected.
+        In nanoseconds; 0 if no edge of the path moves. If both frames are the same, it is the stamp of the
+        frame's newest sample, as in tf2. Raises UnknownFrame, Disconnected.
         """
 
     def common_times(self, target: str, source: str) -> tuple[int, int]:
         """
         The oldest and the newest stamp at which the path between two frames has data.
 
-        The path is that of the newest tree; at each stamp from the oldest to the newest every moving edge
-        of it has data and the parent that it has there. The newest is `latest_common_time`; both are of one
-        state. Where the oldest is above the newest, no stamp is covered by the whole path.
+        The path is that of the newest tree. From the oldest to the newest stamp, each moving edge of it has
+        data, and the same parent as in the newest tree. The newest stamp is `latest_common_time`; both are
+        of one state. If the oldest is greater than the newest, no stamp is covered by the whole path.
 
         Returns
         -------
         (int, int)
-            Nanoseconds; both 0 if nothing moves. Of a frame and itself: those of its own samples, as for
-            tf2.
+            Nanoseconds; both 0 if no edge of the path moves. If both frames are the same, they are those of
+            the frame's own samples, as in tf2.
 
         Raises UnknownFrame, Disconnected.
         """
@@ -253,7 +256,7 @@ class StoreReader:
             Middle of the interval, nanoseconds; None: the latest common time.
         interval
             Seconds over which the difference is taken. Where the data or a parent begins or ends, the
-            interval is moved to lie inside; where there is less than that, it is all there is.
+            interval moves inside. If there is less data than the interval, all of it is used.
         reference
             The frame in whose axes the result is given; None: `target`.
         point, point_frame
@@ -264,7 +267,7 @@ class StoreReader:
         Twist
             `linear` in m/s, `angular` in rad/s, both float64 (3,).
 
-        Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is one stamp only.
+        Raises what `lookup_transform` raises; Extrapolation (`no data`) if there is only one stamp.
         """
 
     def _path_stamps(self, target: str, source: str, start: tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> numpy.typing.NDArray[numpy.int64]:
@@ -292,9 +295,9 @@ class StoreReader:
         """
         T[parent<-frame] of many frames at one stamp, all from one snapshot.
 
-        Row i is what `lookup_transform(parent, frames[i], stamp, policy)` gives in that snapshot, bit for
-        bit, where `parent` is the parent that the frame has at that stamp: `parent_of(frames[i], stamp)`,
-        or `tree_columns(stamp).parents` for all. Frames above the parent are not looked at.
+        Row i equals `lookup_transform(parent, frames[i], stamp, policy)` in that snapshot, bit for bit.
+        `parent` is the frame's parent at that stamp: `parent_of(frames[i], stamp)`, or
+        `tree_columns(stamp).parents` for all. Frames above the parent are not read.
 
         Parameters
         ----------
@@ -303,7 +306,7 @@ class StoreReader:
         stamp
             Nanoseconds, the same for all. None: each edge's newest sample.
         policy
-            How stamps between samples are answered. None: Interpolate().
+            How a pose between samples is computed. None: Interpolate().
         out
             Array to write to: float64 or float32, C-contiguous, (N, 7). An error, or Ctrl-C, may leave it
             partly written.
@@ -360,9 +363,9 @@ class StoreReader:
         Map points of `source` into `target`, each at its own stamp.
 
         Undoes the motion during a scan: `p_target[i] = T[target<-source](stamps[i]) p_source[i]`, all from
-        one snapshot. Each is what `lookup_transform(target, source, stamps[i], policy).apply(points[i])`
-        gives there, bit for bit; a coordinate that is not a number stays one. Where `apply` refuses a place
-        that is not finite in the points' dtype, it is infinite or not a number here.
+        one snapshot. Row i equals `lookup_transform(target, source, stamps[i], policy).apply(points[i])`
+        there, bit for bit. NaN coordinates stay NaN. A result too large for the points' dtype is infinite
+        or NaN; `apply` raises for it.
 
         Parameters
         ----------
@@ -373,13 +376,13 @@ class StoreReader:
         stamps
             (N,) int64 nanoseconds, or one stamp for all points.
         policy
-            How stamps between samples are answered. None: Interpolate().
+            How a pose between samples is computed. None: Interpolate().
         out
-            Array to write to, like the points; the points themselves to work in place. It must not overlap
-            the points otherwise, nor the stamps.
+            Array to write to, with the shape and dtype of the points. It may be the points themselves. It
+            must not overlap a part of them, nor the stamps.
         missing
-            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN for its
-            points instead, whatever the reason; only a frame that does not exist is then an error.
+            `raise`: raise the error of the first stamp without a pose, with its `index`. `nan`: its points
+            become NaN, for any reason except an unknown frame, which raises.
 
         Returns
         -------
@@ -429,9 +432,10 @@ class StoreReader:
         """
         The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
-        A sample's parent holds from its stamp to the next sample's; before the first sample and after the
-        last one the nearest one's counts. A frame whose first parents would form a cycle is a root
-        before its first sample. A static edge has its parent at every stamp. Raises UnknownFrame.
+        A sample's parent holds from its stamp to that of the next sample. Before the first and after the
+        last sample, the parent of the nearest one holds. If first parents would form a cycle, their frames
+        are roots before their first samples. A static edge has its parent at every stamp. Raises
+        UnknownFrame.
         """
 
     def _reach(self, target: str, source: str, stamp: int | None) -> tuple[str | None, int, int | None, int | None] | None:
@@ -452,8 +456,8 @@ class StoreReader:
         """
         The frames and facts of `tree(stamp)` as columns, for stores of many frames.
 
-        Row i is the i-th frame by name; the values are those of its FrameInfo, and an array holds -1 or NaN
-        where that has None.
+        Row i is the i-th frame by name; the values are those of its FrameInfo. Arrays have -1 or NaN in
+        place of None.
         """
 
     def _span(self) -> tuple[int, int] | None:
@@ -486,13 +490,14 @@ class StoreReader:
         target, source
             Frame names.
         stamp
-            Stamp in nanoseconds (or an object that holds one). None: the latest common time,
-            at which every moving edge of the path has data.
+            Stamp in nanoseconds (or an object that holds one). None: the latest common
+            time, at which every moving edge of the path has data.
         policy
-            How a stamp between samples is answered. None: Interpolate().
+            How a pose between samples is computed. None: Interpolate().
         timeout
-            Longest wait for an answer, in seconds; None: no wait. Only a buffer takes it. At
-            its end the error of a plain lookup is raised; see `wait_for_transform`.
+            Longest wait for the data, in seconds; None: no wait. Only a Buffer takes
+            it. At its end the error of a lookup without timeout is raised; see
+            `wait_for_transform`.
 
         Returns
         -------
@@ -528,7 +533,8 @@ class StoreReader:
         Returns
         -------
         Transform
-            Its stamp is the oldest of the stamps used, 0 if nothing moves.
+            Its stamp is the oldest of the stamps used, 0 if nothing
+            moves.
 
         Raises
         ------
@@ -540,10 +546,11 @@ class StoreReader:
         self, target: str, source: str, stamp: tfdb.types.StampLike | None, policy: Policy | None
     ) -> Transform:
         """
-        `lookup_transform` over the edge from `source` to its parent `target`: no other edge is read.
+        `lookup_transform` over the edge from `source` to its parent `target`: no other edge is
+        read.
 
-        Raises Disconnected if the edge has another parent at the stamp, and what `lookup_transform`
-        raises.
+        Raises Disconnected if the edge has another parent at the stamp, and what
+        `lookup_transform` raises.
         """
 
     def can_transform(
@@ -554,7 +561,7 @@ class StoreReader:
         policy: Policy | None = None,
     ) -> bool:
         """
-        Return whether `lookup_transform` with these arguments has an answer.
+        Return whether `lookup_transform` with these arguments returns a transform.
 
         Raises
         ------
@@ -575,9 +582,8 @@ class StoreReader:
         """
         T[target<-source] at each of N stamps, all from one snapshot.
 
-        Row i is what `lookup_transform(target, source, stamps[i], policy)` gives in that snapshot, bit for
-        bit, and much faster: whatever the other stamps are and whichever instructions the processor has. A
-        stored sample that is used as it is comes out as it was stored.
+        Row i equals `lookup_transform(target, source, stamps[i], policy)` in that snapshot, bit for bit, on
+        every processor. A result that is a single stored sample equals that sample.
 
         Parameters
         ----------
@@ -586,15 +592,15 @@ class StoreReader:
         stamps
             (N,) int64 nanoseconds or datetime64, or a list of stamps; in any order.
         policy
-            How stamps between samples are answered. None: Interpolate().
+            How a pose between samples is computed. None: Interpolate().
         layout
             `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices, as `Transform.matrix`.
         out
             Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4), apart from the stamps in memory.
             An error, or Ctrl-C, may leave it partly written.
         missing
-            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-            row instead, whatever the reason; only a frame that does not exist is then an error.
+            `raise`: raise the error of the first stamp without a pose, with its `index`. `nan`: its row
+            becomes NaN, for any reason except an unknown frame, which raises.
 
         Returns
         -------
@@ -616,8 +622,8 @@ class NativeSnapshot(StoreReader):
         Parameters
         ----------
         frames
-            Frames, or one: only these and their edges. A frame that the state lacks is left out: the commits
-            that follow (`commits_bytes` with the same frames) make it. None: all.
+            A frame, or several: only these and their edges. A missing frame is left out; later commits
+            (`commits_bytes` with the same frames) create it. None: all.
         newest
             Largest number of samples of each edge, the newest ones. None: all.
 
@@ -629,8 +635,8 @@ class NativeSnapshot(StoreReader):
         Return a snapshot of a later commit.
 
         A held snapshot protects its own state and all later ones, so a follower of `changes` can open the
-        state of each commit. Either of the two may be closed first. The returned one keeps as much memory
-        as this one: take a new snapshot from time to time.
+        state of each commit. Either snapshot may be closed first. The returned one keeps as much memory as
+        this one, so a follower should take a new snapshot from time to time.
 
         Parameters
         ----------
@@ -688,35 +694,42 @@ class NativeBuffer(StoreReader):
         """
         Store T[parent<-child], the pose of `child` in `parent` at a stamp.
 
-        `set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent, T.source
-        the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as well.
-        `authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0 holds at
+        `set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent,
+        T.source
+        the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as
+        well.
+        `authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0
+        holds at
         all times and raises InvalidStamp: `set_transforms([T], static=True)` stores it.
 
         Parameters
         ----------
         parent, child
-            Frame names; new ones become frames.
+            Frame names. New names create frames.
         stamp
             Nanoseconds (or an object that holds a stamp).
         translation
-            Metres, x y z: a sequence, an array, or an object with x, y, z. Or the whole
+            Metres, x y z: a sequence, an array, or an object with x, y, z. Or the
+        whole
             pose: a 4x4 matrix, 7 numbers x y z qx qy qz qw, a `Transform` T[parent<-child], or an
             object with translation and rotation.
         rotation
-            Unit quaternion, x y z w, likewise, or a Rotation of scipy. Normalised if
-            slightly off. None, without the next two: not rotated.
+            Unit quaternion x y z w, or a Rotation of scipy. A quaternion that is slightly
+            off is normalised. Without `rotation`, `rpy` and `wxyz`: not rotated.
         rpy
-            Instead: roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF.
+            In place of `rotation`: roll, pitch, yaw in radians about fixed axes x, y, z, as
+        in URDF.
         wxyz
-            Instead: unit quaternion w x y z.
+            In place of `rotation`: unit quaternion w x y z.
         authority
             Name of the writer.
         change_kind
-            A static edge becomes moving: its pose is dropped in the same commit, the
-            frames below it stay.
+            Let a static edge become moving. Its static pose is dropped in the same
+        commit;
+            the frames below it stay.
         only_new
-            Refuse a stamp that the edge has already; else the later value replaces it.
+            Refuse a stamp that the edge has already. Without it, the later value
+            replaces the stored one.
 
         Returns
         -------
@@ -769,33 +782,32 @@ class NativeBuffer(StoreReader):
         Parameters
         ----------
         batch
-            A sequence of `TransformStamped` or of ROS messages of that name, or one `Columns`. Of two with
-            the same child and stamp the later wins.
+            A sequence of `TransformStamped` or of ROS messages of that name, or one `Columns`. Of two
+            members with the same child and stamp, the later one is stored.
         static
             Whether they hold at every stamp until replaced.
         authority
             Name of the writer.
         partial
-            Store the members that can be stored, still in one commit, and return the others.
+            Store the valid members in one commit, and return the others.
         change_kind
-            Members of the other kind than their edge, static or moving, change it: the samples that the
-            edge has are dropped in the same commit, the frames below it stay.
+            Let members change the kind of their edge, static or moving. The edge's stored samples are
+            dropped in the same commit; the frames below it stay.
         only_new
-            Refuse members whose stamp their edge has already, or an earlier member: the first value stays.
-            Not with `static`.
+            Refuse members with a stamp that their edge, or an earlier member, has already. Not with
+            `static`.
 
         Returns
         -------
         int
             Number of the commit; of the current one if the batch is empty.
         list[Refused]
-            With `partial`: every member that was refused, and why, in their order.
+            With `partial`: the refused members with their errors, in order.
 
-        Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-        RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in
-        `refused`. Raises CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is
-        left, and
-        TypeError for what is not a transform at all.
+        Raises the error of the first refused member, with its `index`; `refused` has the errors of all.
+        They are InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
+        RepeatedStamp and CycleError. Raises CapacityExceeded. Nothing is stored if it raises. With
+        `partial` it raises only CapacityExceeded, and TypeError for a member that is not a transform.
         """
     @overload
     def set_transforms(
@@ -824,68 +836,64 @@ class NativeBuffer(StoreReader):
         """
         Remove a frame, or several, with their edges in one commit, all or none.
 
-        Their order does not matter: a frame may go together with all its children. With `recursive` all
-        frames below them go as well. Returns the commit's number, the current one without names.
+        The order of the names does not matter: a frame may be removed together with all its children. With
+        `recursive` all frames below are removed as well. Returns the number of the commit; without names,
+        of the newest one.
 
-        A frame of a mirrored store (`apply`) stays, and so does all below it. It loses the parent that a
-        local writer stored; without one, ReadOnly is raised.
+        A frame of a mirrored store (`apply`) is not removed, nor are the frames below it. Only the parent
+        edge that a local writer gave it is removed; without such an edge, ReadOnly is raised.
 
-        Raises UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`,
-        and ReadOnly.
+        Raises UnknownFrame, FrameInUse (with the names of the children) and ReadOnly. The first two have
+        `index`, and `refused` with the errors of all names.
         """
 
     def clear(self) -> int:
         """
         Drop all moving samples in one commit; frames and static edges stay.
 
-        The samples that `apply` brings of another store stay, too: only this store clears them.
+        Samples of another store (`apply`) stay: only that store clears them.
 
-        The commit itself takes a little memory for each moving edge. Raises CapacityExceeded where
-        `memory_limit` leaves none; nothing was then dropped.
+        The commit needs a little memory for each moving edge. Raises CapacityExceeded if `memory_limit`
+        leaves none; then nothing is dropped.
         """
 
     def compact(self) -> bool:
         """
         Return unused memory to the operating system.
 
-        A store uses memory that became free for what comes next, and keeps it. After a burst, after
-        `clear`, or once samples have outlived `history` (whose memory an edge otherwise gives up bit by
-        bit, as it is written to), this returns it: from a shared store to the file system that it lies on.
-        It moves no samples, so memory goes back only where a piece of it is free from end to end: 256 KiB
-        of a shared store (1/4096 of its size above 1 GiB), 2 MiB of another. What is free between edges
-        that grew side by side is kept for what comes next.
+        A store keeps freed memory for later samples. This call drops samples beyond `history`, and returns
+        free memory to the system, that of a shared store to its file system. It moves no samples. So it
+        returns only pieces that are wholly free: of 256 KiB in a shared store (1/4096 of its size above 1
+        GiB), of 2 MiB in others.
 
-        Nobody writes meanwhile (5 ms for 10 million samples, 15 ms for 60,000 frames, and 10 ms for each
-        100 MiB that a shared store gives back); reads go on.
+        Writers wait during the call: 5 ms for 10 million samples, 15 ms for 60,000 frames, and 10 ms for
+        each 100 MiB that a shared store returns. Reads go on.
 
-        Returns False, and gives nothing back, while an older state than the newest is held by a snapshot
-        or a transaction, or a read is under way that writers have overtaken again and again: try again
-        later. An open transaction, and the fourth of the snapshots that a process holds, may count as older
-        than they are. Raises ReadOnly, TransactionActive, Forked, LockTimeout where another process
-        keeps the lock, CorruptStore where the file was damaged.
+        Returns False, and returns no memory, while a snapshot, a transaction or a repeated read uses an
+        older state than the newest: call it again later. An open transaction, and the fourth snapshot of a
+        process, may count as older than they are. Raises ReadOnly, TransactionActive and Forked;
+        LockTimeout if another process holds the lock; CorruptStore if the file is damaged.
         """
 
     def changes(self, since: int, limit: int | None = None, *, frames: str | Iterable[str] | None = None) -> list[tfdb.types.Changes]:
         """
         Return the changes of each commit after `since`, in order.
 
-        All data of the newest state are in the record of the commit that stored them. Data that were
-        evicted, replaced, cleared or removed since then may be missing: `gone` counts them. While a
-        snapshot of commit `since`, or of an older one, is held and can be read, nothing that it or a later
-        state shows is gone. A record does not say in which order a transaction did what it did: the guide
-        "Follow the changes" keeps a copy by records where they suffice, and by snapshots else.
+        A record has all data of its commit that the newest state still has. Data that were evicted,
+        replaced, cleared or removed since then may be missing; `gone` counts them. A held snapshot of
+        commit `since`, or of an older one, prevents this. A record does not contain the order of a
+        transaction's operations; the guide "Follow the changes" shows how to keep a copy.
 
         Parameters
         ----------
         since
-            A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
+            Number of a commit: that of a snapshot, or of the last record. 0: from the beginning.
         limit
             Largest number of records; None: all.
         frames
-            A frame, or several: only what commits did to these frames and their edges, and no record of a
-            commit that did nothing to them. A follower reads `commit` of the buffer before the call, and
-            goes on from there where fewer than `limit` records come. A frame may be missing yet. None: all
-            frames.
+            A frame, or several: only changes of these frames and their edges, and only commits that have
+            some. A frame may be created later. A follower should read the buffer's `commit` before the
+            call: if fewer than `limit` records come, that commit is its next `since`. None: all frames.
 
         Returns
         -------
@@ -895,15 +903,15 @@ class NativeBuffer(StoreReader):
         Raises
         ------
         FeedLapped
-            The feed, which holds the last 16,384 commits or fewer if they are large, does not reach back
-            that far: take a snapshot and follow from its `commit`, or go on from the error's `commit` and
-            miss the commits before. The error's `oldest` is overwritten next.
+            The feed no longer has the commit after `since`: it keeps the last 16,384 commits, fewer if they
+            are large. Take a snapshot and follow from its `commit`, or continue from the error's `commit`
+            and miss the commits before. The error's `oldest` is the commit that is overwritten next.
         InvalidArgument
             The commit does not exist yet, or `limit` is not positive.
         InvalidName
-            No frame can have a name of `frames`.
+            A name in `frames` is invalid.
         NotSupported
-            The engine keeps no feed: `snapshot` and `giant` do.
+            The engine has no feed; only `snapshot` and `giant` have one.
         TransactionActive
             This thread has a transaction open in the store.
         """
@@ -922,10 +930,10 @@ class NativeBuffer(StoreReader):
         max_commits
             Largest number of commits.
         max_bytes
-            Largest size. A single commit is never cut; a larger one is returned alone.
+            Largest size. A commit is never cut: a larger one is returned alone.
         frames
-            Frames, or one: only these and their edges. A frame may be missing yet: the commit that makes it
-            is returned. None: all.
+            A frame, or several: only these and their edges. A frame may be created later: the commit that
+            creates it is returned. None: all.
 
         Returns
         -------
@@ -941,9 +949,9 @@ class NativeBuffer(StoreReader):
         InvalidArgument
             The commit does not exist yet, or a limit is not positive.
         InvalidName
-            No frame can have a name of `frames`.
+            A name in `frames` is invalid.
         NotSupported
-            The engine keeps no feed: `snapshot` and `giant` do.
+            The engine has no feed; only `snapshot` and `giant` have one.
         TransactionActive
             This thread has a transaction open in the store.
         """
@@ -952,9 +960,9 @@ class NativeBuffer(StoreReader):
         """
         Forget how far the commits of a source have been applied.
 
-        For a source that begins anew while its clock is behind, so that `apply` raises Fenced, or for one that
-        has ended. Its frames stay, and may be written by any writer. The next bytes of it must be a state, of
-        any epoch, which replaces what it had. Its name and its prefix stay taken.
+        For a source that has ended, or that begins anew with its clock set back, so that `apply` raises
+        Fenced. Its frames stay, and every writer may write them. The next bytes of this source must be a
+        state, of any epoch, which replaces its frames. The source's name and prefix stay in use.
 
         Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
         ReadOnly, LockTimeout, NotSupported, TransactionActive.
@@ -994,15 +1002,14 @@ class NativeBuffer(StoreReader):
         """
         Apply commits or a state of another store, from `commits_bytes` or `state_bytes`.
 
-        Each commit becomes one commit here. A state becomes one commit, which first takes away what this
-        source had: no reader sees an empty or a mixed store. The position is stored by the same commit, so
-        a process that is killed finds in `positions()` where to go on. Commits at or before the position
-        are skipped.
+        Each commit becomes one commit here. A state becomes one commit, which replaces all that the source
+        had stored: no reader sees an empty or a mixed store. The same commit stores the position, so
+        `positions()` shows where to continue after a kill. Commits at or before the position are skipped.
 
-        Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. But a frame
-        that is a root at its source may get a parent here, by any writer. It is kept until the
-        source itself gives the frame a parent, which a TfdbWarning then names. A frame that the source removes
-        stays, without its samples, if a frame of another writer is its child.
+        Frames of a source are read-only for all other writers (ReadOnly) until `forget_source`. An
+        exception: any writer may give a parent to a frame that is a root at its source. This parent is kept
+        until the source itself gives the frame one, with a TfdbWarning. If the source removes a frame with
+        a child of another writer, the frame stays, without samples.
 
         Parameters
         ----------
@@ -1015,7 +1022,7 @@ class NativeBuffer(StoreReader):
             Frames that get no prefix, such as `map`. Give the same ones with every call; a state may be
             applied with others.
         source
-            What this store calls the other one.
+            Name of the other store in this one.
 
         Returns
         -------
@@ -1034,13 +1041,13 @@ class NativeBuffer(StoreReader):
         CorruptMessage
             The bytes are damaged, cut short, or of another version; `offset` is the byte.
         InvalidName, InvalidTransform, InvalidStamp, CycleError, FrameInUse
-            They cannot be stored; InvalidTransform also for a commit that stores an edge twice.
+            The data cannot be stored. InvalidTransform also if a commit stores an edge twice.
         InvalidArgument
             The prefix is not the one of the first call, or it overlaps another source's.
         CapacityExceeded, ReadOnly, LockTimeout, NotSupported, TransactionActive
-            As of a write.
+            As a write raises them.
 
-        Of these bytes the commits before the refused one are applied; it and later ones are not.
+        The commits before the refused one are applied; it and later ones are not.
         """
 
     def _applier(self, source: str, prefix: str, shared: Iterable[str]) -> Applier:
@@ -1056,17 +1063,17 @@ class NativeBuffer(StoreReader):
         policy: Policy | None = None,
     ) -> Transform:
         """
-        Wait until `lookup_transform` has an answer, and return it.
+        Wait until `lookup_transform` succeeds, and return its result.
 
-        The commit that touches a frame of the path, or creates a missing one, ends the wait, from any
-        thread or process. Other threads run meanwhile, and signal handlers without delay.
+        A commit of any thread or process that touches the path, or creates a missing frame, wakes
+        it. Other threads and signal handlers run meanwhile.
 
         Parameters
         ----------
         target, source, stamp, policy
             As in `lookup_transform`.
         timeout
-            Seconds, at most; None: for ever.
+            Longest wait in seconds; None: no limit.
 
         Returns
         -------
@@ -1074,26 +1081,24 @@ class NativeBuffer(StoreReader):
 
         Raises
         ------
-        At the end of the timeout what `lookup_transform` raises, and how long the wait took;
-        InvalidName at once for a name that no frame can have; BufferClosed (`close` was called
-        meanwhile), NoSuchStore (the shared store was removed meanwhile),
-        TransactionActive, NotSupported (a research engine; or this process may not write to the
-        control file of the store), InvalidArgument
+        At the end of the timeout the error of `lookup_transform`, with the length of the wait;
+        InvalidName at once for an invalid name; BufferClosed (`close` was called meanwhile),
+        NoSuchStore (the shared store was removed meanwhile), TransactionActive, NotSupported (a
+        research engine; or this process may not write to the control file of the store), InvalidArgument
         """
 
     def wait_for_commit(self, after: int, timeout: float | None = None) -> int:
         """
         Wait until there is a commit with a number greater than `after`.
 
-        The commit wakes it, from any thread or process, at most once per millisecond: faster commits
-        are seen together.
+        Commits of any thread or process wake it, at most once per millisecond.
 
         Parameters
         ----------
         after
             The last commit that the caller knows: `commit`, or what this returned.
         timeout
-            Seconds, at most; None: for ever.
+            Longest wait in seconds; None: no limit.
 
         Returns
         -------
@@ -1109,37 +1114,39 @@ class NativeBuffer(StoreReader):
 
     def _begin_wait(self, target: str, source: str, stamp: tfdb.types.StampLike | None, policy: Policy | None) -> int:
         """
-        Number of a wait that `_ended_waits` will tell of; 0: the answer is there.
+        Begin a wait, and return its number for `_ended_waits`; 0: the result is present.
         """
 
     def _begin_wait_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str) -> int:
-        """The same for an answer through a fixed frame."""
+        """Begin a wait for `lookup_transform_full`, as `_begin_wait`."""
 
     def _begin_wait_as_new(self, target: str, source: str, stamp: tfdb.types.StampLike) -> int:
-        """The same for a latest common time of `stamp` or newer."""
+        """Begin a wait for a latest common time of `stamp` or newer."""
 
     def _begin_wait_for_commit(self, after: int) -> int:
-        """The same for a commit with a greater number."""
+        """Begin a wait for a commit with a greater number."""
 
     def _cancel_wait(self, number: int) -> bool:
-        """Whether the wait had not ended; its end will not be reported."""
+        """Cancel a wait. Returns False if it has ended before."""
 
     def _ended_waits(self, timeout: float | None) -> dict[int, int]:
         """
-        Wait until some of those that were begun end: their numbers, in order, and how they did.
+        Wait until begun waits end. Returns how each ended, by its number, in order.
         """
 
     def _await_ended_waits(self, timeout: float | None) -> None:
-        """The same, but `_ended_waits(0)`, of any thread, is to take them."""
+        """
+        Wait until begun waits end; `_ended_waits(0)` of any thread then returns them.
+        """
 
     def _set_waits_begun(self, begun: bool) -> None:
         """
-        Whether `waiting.write` is to make the writes of tfdb.tf2, for waits were begun.
+        Set whether writes of tfdb.tf2 go through `waiting.write`, as they must while waits are begun.
         """
 
     def _check_wait(self, how: int) -> int:
         """
-        Raise what ended a wait, if it was not its time; else give the newest commit.
+        Raise the error that ended a wait. After a timeout, return the newest commit.
         """
 
     @staticmethod
@@ -1148,7 +1155,7 @@ class NativeBuffer(StoreReader):
 
     def _stop_waits(self, stop: bool) -> None:
         """
-        End all waits, and those to come, as if their time were over, until called with False.
+        With True, end all present and future waits as by their timeout, until called with False.
         """
 
     def close(self) -> None:
@@ -1157,8 +1164,8 @@ class NativeBuffer(StoreReader):
 
         `commit`, `memory` and `counters` raise it as well. `history`, `concurrency`, `shared`, `frozen`
         and the repr can still be read.
-        Snapshots and transactions that are open stay so. The memory goes with the last reference to them
-        and to the buffer. Closing twice does nothing.
+        Open snapshots and transactions stay open. The memory is freed with the last reference to them and
+        to the buffer. A second call does nothing.
         """
 
     @property
@@ -1199,8 +1206,8 @@ class NativeBuffer(StoreReader):
         CorruptMessage
             The bytes are not a TFMessage. Fields: offset, reason.
 
-        And what `set_transforms` raises, if no transform of the message can be stored. Nothing was stored
-        where it raises.
+        And the errors of `set_transforms`, if no transform of the message can be stored. Nothing is stored
+        if it raises.
 
         Warns
         -----
@@ -1214,43 +1221,44 @@ class NativeBuffer(StoreReader):
         """
         Store many TFMessages, one commit each.
 
-        A transform that is refused is counted, by its edge and error, and the others of its message are
-        stored. A message that is damaged is counted and left out. Arguments as in `ingest`; `messages` is
-        an iterable of bytes-like objects. `authority` may also be a sequence, with one name for each
-        message. Raises InvalidArgument if it then differs in length; nothing was stored. Ctrl-C ends it
-        between two messages; those before are stored.
+        Refused transforms are counted by edge and error, and the others of their message are stored.
+        Damaged messages are counted and left out. Arguments as in `ingest`. `authority` may be a sequence
+        with one name for each message; with another length it raises InvalidArgument, and nothing is
+        stored. Ctrl-C ends the call between two messages; those before are stored.
         """
 
     def transaction(self, priority: int = 0) -> Transaction:
         """
         Return a transaction: `with buf.transaction() as tx:` reads and writes in isolation.
 
-        Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: above 0
-        it commits before ordinary writers, and where the engine makes one of two start again, the higher
-        goes first. Raises InvalidArgument; the `with` statement raises Conflict, TransactionActive, and
-        CycleError, CapacityExceeded at the commit.
+        The `with` statement begins it, and commits at its end. `priority` is an integer from 0 to 7. Above
+        0 it commits before ordinary writers. If an engine restarts one of two transactions, the higher
+        priority continues. Raises InvalidArgument. The `with` statement raises Conflict, TransactionActive
+        and, at the commit, CycleError and CapacityExceeded.
         """
 
     def _attempt(self, priority: int, alone: bool, age: int) -> Transaction:
-        """A transaction that may run alone, and keeps the age of one that lost."""
+        """
+        Return a transaction for another attempt: it may run alone, and keeps the age of the aborted one.
+        """
 
     def watch(self, frames: str | Iterable[str] = (), pairs: Iterable[tuple[str, str]] = (), *, every: bool = False) -> Watch:
         """
         Return a watch of frames and paths: `next` waits for the commits that touch them.
 
-        A commit touches a frame if it stores samples of it, or moves, clears, makes or removes it. It
-        touches a pair if it touches a frame of the path between the two, as the newest parents give it
-        before the commit or after it. The path is followed when a frame of it is moved, removed or made.
+        A commit touches a frame if it stores samples of the frame, or moves, clears, creates or removes it.
+        A commit touches a pair if it touches a frame of the path between the two, before or after the
+        commit. If a commit changes the path, the watch follows the new one.
 
         Parameters
         ----------
         frames
-            Names of frames, one or several; they may be missing yet.
+            Names of frames, one or several. They may be created later.
         pairs
-            Pairs (target, source) of frame names, as for `lookup_transform`. Of two frames that nothing
-            joins, the path goes up to both roots.
+            Pairs (target, source) of frame names, as for `lookup_transform`. If no path joins the two, the
+            paths from both to their roots are watched.
         every
-            Whether every commit counts. A record says which frames and pairs it touched; it may be none.
+            Return a record for every commit, also if it touches nothing watched.
 
         Returns
         -------
@@ -1263,8 +1271,8 @@ class NativeBuffer(StoreReader):
         InvalidName
             No frame can have the name.
         NotSupported
-            Waits are not supported either: a research engine, a frozen store, or a shared one whose control
-            file this process may not write to.
+            The store has no waits: a research engine, a frozen store, or a shared one whose control file
+            this process may not write to.
         BufferClosed, TransactionActive
         """
 
@@ -1301,7 +1309,7 @@ class NativeBuffer(StoreReader):
 
     def _enforce(self, lifespans: list[tuple[str, str, int, str]]) -> None:
         """
-        Refuse lookups over edges that are older: parent, child, nanoseconds, name in errors.
+        Set the ages above which lookups raise Stale: parent, child, nanoseconds, name in errors.
         """
 
     def __repr__(self) -> str: ...
@@ -1348,7 +1356,7 @@ class Recorded:
         """
         Add the wanted messages of an unpacked chunk, as they lie there.
 
-        `learn` gets the kind and content of the other records that the format knows, and of what is too short for a message.
+        `learn` gets kind and content of the format's other records, and of messages that are too short.
         Returns where the records break off, and how long the one says that it is which goes beyond the chunk.
         """
 
@@ -1359,11 +1367,11 @@ class Recorded:
         """Add the messages at [first, last) of others."""
 
     def renumber(self, numbers: dict[int, int]) -> None:
-        """Give the sources other numbers, by the ones that they have."""
+        """Replace the numbers of sources, by a dict from old to new."""
 
     def place(self, received: int) -> int:
         """
-        Where the first message is that was received then or later; they are sorted.
+        Index of the first message received at that time or later. The messages must be sorted.
         """
 
     def sort(self) -> None:
@@ -1376,15 +1384,15 @@ class Recorded:
     def __getitem__(self, index: int) -> tuple[int, int, bytes]: ...
 
     def span(self) -> tuple[int, int]:
-        """When the first and the last were received; at least one message."""
+        """
+        Times of reception of the first and the last message; there must be one.
+        """
 
     def counts(self) -> dict[int, int]:
-        """How many messages there are of each source."""
+        """Number of messages by source."""
 
     def runs(self, kinds: dict[int, int], most: int) -> list[tuple[int, int]]:
-        """
-        First and last + 1 of messages that follow each other and are of one kind.
-        """
+        """Ranges [first, last) of successive messages of one kind."""
 
 class Selection:
     """Which recorded transforms are kept, and the names of their frames."""
@@ -1438,7 +1446,7 @@ class EdgeSurvey:
         """
         Parent, and first and last stamp of a moving edge, by child.
 
-        None: an edge had several parents, or edges form a circle. Only a store can tell what it keeps then.
+        None: an edge has several parents, or edges form a cycle. Then a store must judge what it keeps.
         """
 
 class ArrivalLog:
@@ -1482,14 +1490,14 @@ class ArrivalLog:
         """
 
 class MessageRewriter:
-    """Writes recorded TFMessages again: chosen, renamed, encoded."""
+    """Rewrites recorded TFMessages: selects, renames and encodes them."""
 
     def __init__(self, encoding: str) -> None:
         """`encoding`: that of the messages to be written."""
 
     def rewrite(self, out: Recorded, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, sources: dict[int, tuple[str, int]], selection: Selection | None) -> None:
         """
-        Add to `out` what is left of the messages at [first, last).
+        Add the selected parts of the messages at [first, last) to `out`.
 
         `sources` are by source: publisher, rule of `selection`, and whether empty names are refused.
         """
@@ -1504,7 +1512,7 @@ class MessageRewriter:
 
     @property
     def refused(self) -> int:
-        """Transforms refused of messages of which others were not."""
+        """Refused transforms in messages with accepted ones."""
 
     @property
     def broken(self) -> int:
@@ -1512,10 +1520,10 @@ class MessageRewriter:
 
     @property
     def left_out(self) -> int:
-        """Messages of which nothing was chosen."""
+        """Messages without a selected transform."""
 
     def refusals(self) -> list[tfdb.types.RefusedEdge]:
-        """What was refused, by edge and error."""
+        """Refused transforms, by edge and error."""
 
 class MessageChunk:
     """A chunk of an MCAP file or a bag that is written."""
@@ -1600,25 +1608,27 @@ class NativeTransaction:
         """
         T[target at target_stamp <- source at source_stamp], as `Buffer.lookup_transform_full`.
 
-        Raises what that raises, and Conflict, TransactionClosed, WrongThread.
+        Raises the errors of that method, and Conflict, TransactionClosed, WrongThread.
         """
 
     def can_transform_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
-        """Whether `lookup_transform_full` with these arguments has an answer."""
+        """
+        Return whether `lookup_transform_full` with these arguments returns a transform.
+        """
 
     def lookup_transform(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None, policy: Policy | None = None) -> Transform:
         """
         T[target<-source] at a stamp, as `Buffer.lookup_transform`.
 
-        Its report stays right after the transaction has ended. Raises what that raises, and Conflict,
-        TransactionClosed, WrongThread.
+        Its report stays valid after the end of the transaction. Raises the errors of that method, and
+        Conflict, TransactionClosed, WrongThread.
         """
 
     def lookup_latest_transform(self, target: str, source: str, max_age: float | None = None, now: tfdb.types.StampLike | None = None) -> Transform:
         """
         T[target<-source] from each edge's newest sample, as `Buffer.lookup_latest_transform`.
 
-        Raises what that raises, and Conflict, TransactionClosed, WrongThread.
+        Raises the errors of that method, and Conflict, TransactionClosed, WrongThread.
         """
 
     def lookup_transforms(self, target: str, source: str, stamps: tfdb.types.StampsLike, policy: Policy | None = None, *, layout: Literal['pose', 'matrix'] = 'pose', out: numpy.typing.NDArray[numpy.float64] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[numpy.float64]:
@@ -1631,9 +1641,9 @@ class NativeTransaction:
 
     def can_transform(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None, policy: Policy | None = None) -> bool:
         """
-        Whether `lookup_transform` with these arguments has an answer.
+        Return whether `lookup_transform` with these arguments returns a transform.
 
-        The answer counts as a read: a commit that changes it is a Conflict.
+        The result counts as a read: a commit that changes it causes a Conflict.
         """
 
     def latest_common_time(self, target: str, source: str) -> int:
@@ -1656,7 +1666,7 @@ class NativeTransaction:
 
     def frames(self) -> list[str]:
         """
-        Names of all frames, sorted. A frame that comes or goes meanwhile is a Conflict.
+        Names of all frames, sorted. A commit that creates or removes a frame causes a Conflict.
         """
 
     def frame_info(self, name: str) -> tfdb.types.FrameInfo:
@@ -1664,7 +1674,7 @@ class NativeTransaction:
 
     def tree(self, stamp: tfdb.types.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
         """
-        All frames with their parents, as `Buffer.tree`. It depends on every edge.
+        All frames with their parents, as `Buffer.tree`. It counts as a read of every edge.
         """
 
     def tree_columns(self, stamp: tfdb.types.StampLike | None = None) -> tfdb.types.TreeColumns:
@@ -1768,9 +1778,8 @@ class NativeTransaction:
         """
         Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
 
-        Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError
-        only at the commit. `change_kind` is missing: a transaction drops the samples of all moving
-        frames, by `clear`, or of none. `only_new` is missing: a transaction can read first which stamps are stored.
+        Arguments and errors as in `Buffer.set_transform`, but CycleError comes at the commit.
+        `change_kind` and `only_new` are missing: a transaction can `clear`, and can read the stored stamps first.
         """
     @overload
     def set_transform(
@@ -1790,7 +1799,7 @@ class NativeTransaction:
         """
         Store T[parent<-child] for every stamp, at the commit.
 
-        Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
+        Arguments and errors as in `Buffer.set_static_transform`, but CycleError comes at the commit.
         `change_kind` is missing, as in `set_transform`.
         """
 
@@ -1798,16 +1807,16 @@ class NativeTransaction:
         """
         Store a batch of transforms T[parent<-child], at the commit.
 
-        Arguments and errors as in `Buffer.set_transforms`, but CycleError only at the commit. A batch that
-        is refused leaves the transaction as it was, and open. `change_kind` and `only_new` are missing as
-        in `set_transform`. `partial` is missing: write one by one, and catch the errors.
+        Arguments and errors as in `Buffer.set_transforms`, but CycleError comes at the commit. A refused
+        batch leaves the transaction open and unchanged. `change_kind` and `only_new` are missing as in
+        `set_transform`. `partial` is missing: write one by one, and catch the errors.
         """
 
     def remove_frames(self, names: str | Iterable[str], *, recursive: bool = False) -> None:
         """
         Remove a frame, or several, at the commit.
 
-        Arguments and errors as in `Buffer.remove_frames`. The commit raises ReadOnly for every frame of a
+        Arguments and errors as in `Buffer.remove_frames`. The commit raises ReadOnly for frames of a
         mirrored store.
         """
 
@@ -1815,12 +1824,13 @@ class NativeTransaction:
         """
         Drop all moving samples at the commit; frames and static transforms stay.
 
-        The commit raises ReadOnly if there are moving samples that `apply` brings of another store.
+        Moving samples that the transaction stored before are dropped as well. The same commit stores those
+        that it stores afterwards, so no reader finds the store empty. An edge may then become static, or
+        moving, as after `Buffer.clear`.
 
-        What the transaction stored before goes as well, but for static transforms; what it stores
-        afterwards is stored by the same commit, so no reader finds the store empty. An edge may then become
-        static, or moving, as after `Buffer.clear`. The samples that others store until the commit are
-        dropped, which is no Conflict; another transaction that read one of the dropped samples has one.
+        Samples that other writers store before the commit are dropped without a Conflict. Other
+        transactions that read dropped samples get a Conflict. The commit raises ReadOnly if the store has
+        moving samples of another store (`apply`).
         """
 
     def reparent(self, child: str, parent: str, stamp: tfdb.types.StampLike | None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
@@ -1834,9 +1844,9 @@ class NativeTransaction:
         stamp
             Nanoseconds: before it the child keeps its parent. None: a static edge, at every stamp.
         translation, rotation, rpy, wxyz
-            T[parent<-child], as in `Buffer.set_transform`. Without all of them the child stays where it is:
-            T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
-            Without a rotation: not rotated.
+            T[parent<-child], as in `Buffer.set_transform`. Without any of them the child stays in place:
+            T[parent<-child] is looked up at `stamp`, which needs data there. With a translation alone: not
+            rotated.
         authority
             Name of the writer.
 
@@ -1846,7 +1856,7 @@ class NativeTransaction:
 
     def abort(self) -> None:
         """
-        Abort: nothing of the transaction is stored. The `with` block may be left normally.
+        Abort the transaction: nothing of it is stored. The `with` block may end normally.
 
         Does nothing after an abort, a Conflict or another error at the commit. Raises TransactionClosed if
         it was committed, or never begun.
@@ -1854,7 +1864,7 @@ class NativeTransaction:
 
     @property
     def closed(self) -> bool:
-        """True before its begin and after its end."""
+        """True before the transaction begins and after it ends."""
 
     @property
     def commit(self) -> int | None:
@@ -1882,45 +1892,44 @@ class NativeTransaction:
 
 class Watch:
     """
-    Frames and paths whose commits a follower wants.
+    Waits for commits that touch some frames or paths.
 
-    `Buffer.watch()` makes it. Use it as a context manager, or close() it.
+    `Buffer.watch()` returns it. Use it as a context manager, or close() it.
     """
 
     def __init__(self) -> None: ...
 
     def next(self, after: int, timeout: float | None = None, limit: int | None = None) -> list[tfdb.types.Touched]:
         """
-        Wait for commits after `after` that touch what is watched; return all of them so far.
+        Wait for commits after `after` that touch the watched frames or pairs, and return them all.
 
-        It sleeps and reads the feed without the GIL. Other commits cost no Python and wake no thread. No
-        commit is missed, and none comes twice to a caller that goes on with the last one's number. A watch
-        whose `next` waits is not lapped by commits that do not touch it.
+        It waits and reads the feed without the GIL. Other commits run no Python code, wake no thread, and
+        do not lap a waiting `next`. A caller that passes the last record's commit as the next `after`
+        misses no commit, and gets none twice.
 
-        While a frame of a pair's path, or above it, has samples of several parents, every commit touches
-        the pair: which frames are on its path depends on the stamp. The same holds from a commit whose
-        state can be read no more on, as it may happen to a follower that is late, until the path can be
-        read again. A held snapshot of `after` prevents that.
+        While a frame of a pair's path, or above it, has samples with several parents, every commit touches
+        the pair, because its path depends on the stamp. The same holds while a late follower cannot read
+        the state of a commit. A held snapshot of `after` prevents the latter.
 
         Parameters
         ----------
         after
             A commit: that of a snapshot, or of the last record.
         timeout
-            Seconds, at most; None: for ever. 0: what is there.
+            Longest wait in seconds; None: no limit. 0: return what is present.
         limit
             Largest number of records; None: all.
 
         Returns
         -------
         list[Touched]
-            In the order of commits, each with what it touched: names, and pairs as tuples. Empty at the end
-            of the timeout, and when the process ends.
+            In commit order, each with the touched frames and pairs. Empty at the end of the timeout, and
+            when the process ends.
 
         Raises
         ------
         FeedLapped
-            The feed of changes does not reach back to `after`: as for `Buffer.changes`.
+            The feed no longer has the commit after `after`, as in `Buffer.changes`.
         InvalidArgument
             The commit does not exist yet.
         WatchClosed, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
@@ -1952,10 +1961,11 @@ class Watch:
 
 class Clock:
     """
-    The time of a store: that of the system, until it is set. `Buffer.clock` returns it.
+    The clock of a store. `Buffer.clock` returns it.
 
-    All processes that have a shared store open see one clock: what one of them sets, all follow, and
-    their sleeps wake. `max_age=` of lookups goes by it. A recording that is played sets it.
+    It shows the system's time until it is set. All processes that have a shared store open share one
+    clock: if one sets it, the sleeps of all react. `max_age=` of lookups uses it. A player (`tfdb
+    play`) sets it.
 
     A process that may not write to the store's control file sees the system's clock. So does every
     frozen store.
@@ -1968,12 +1978,12 @@ class Clock:
 
     def sleep(self, seconds: float, timeout: float | None = None) -> bool:
         """
-        Sleep for so many seconds of this clock.
+        Sleep for a number of seconds of this clock.
 
         Parameters
         ----------
         seconds
-            Seconds of this clock: at double speed they pass in half of the time.
+            Seconds of this clock: at double speed they pass in half the time.
         timeout
             As in `sleep_until`.
 
@@ -1992,15 +2002,15 @@ class Clock:
         """
         Sleep until the clock shows a stamp, or a later one.
 
-        While the clock is paused it shows no later stamp. The sleep follows a pause, a seek and a change of
-        speed at once.
+        A paused clock reaches no later stamp. The sleep reacts at once to a pause, a seek and a change of
+        speed.
 
         Parameters
         ----------
         stamp
             Nanoseconds.
         timeout
-            Seconds of real time, at most; None: for ever.
+            Longest wait in seconds of real time; None: no limit.
 
         Returns
         -------
@@ -2015,7 +2025,7 @@ class Clock:
 
     def seek(self, stamp: tfdb.types.StampLike) -> None:
         """
-        Let the clock show a stamp now; it goes on from there, or stays paused.
+        Set the clock to a stamp. A running clock continues from there; a paused one stays paused.
 
         Parameters
         ----------
@@ -2029,7 +2039,7 @@ class Clock:
 
     def pause(self) -> None:
         """
-        Let the clock stand still. A second call does nothing.
+        Pause the clock. A second call does nothing.
 
         Raises
         ------
@@ -2038,7 +2048,7 @@ class Clock:
 
     def resume(self) -> None:
         """
-        Let a paused clock go on.
+        Resume a paused clock.
 
         Raises
         ------
@@ -2047,7 +2057,7 @@ class Clock:
 
     def follow_system(self) -> None:
         """
-        Let the clock show the system's time again.
+        Set the clock back to the system's time.
 
         Raises
         ------
@@ -2057,7 +2067,7 @@ class Clock:
     @property
     def speed(self) -> float:
         """
-        Seconds of this clock in a real second: above 0. Raises as `pause`, and InvalidArgument.
+        Seconds of this clock per real second; must be positive. Raises as `pause`, and InvalidArgument.
         """
 
     @speed.setter
@@ -2065,11 +2075,11 @@ class Clock:
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still."""
+        """Whether the clock is paused."""
 
     @property
     def is_system(self) -> bool:
-        """Whether it shows the system's time."""
+        """Whether the clock shows the system's time."""
 
     @property
     def _set_to(self) -> int:
@@ -2110,21 +2120,21 @@ def open(
     clock: Callable[[], int] | None = None,
 ) -> Buffer:
     """
-    Open a frozen store: what `freeze` or `tfdb freeze` wrote.
+    Open a frozen store, a file of `freeze` or `tfdb freeze`.
 
-    It is a `Buffer` that answers as the state that was frozen, to the last bit, at once, whatever its
-    size: the file is mapped, and its pages come as they are used. All processes that have it open share
-    them. Nothing can be written to it (ReadOnly). It is pickled by its path.
+    Reads of the returned `Buffer` equal those of the frozen state, bit for bit. The file is mapped:
+    opening takes constant time, and all processes share its pages. Writes raise ReadOnly. The Buffer is
+    pickled by its path.
 
     Parameters
     ----------
     path
-        The file. Do not cut or rewrite it while it is open, as by `cp` over it: processes that read it
-        would be ended by SIGBUS, or read nonsense. `freeze(overwrite=True)` is safe: it puts another
-        file in its place, and processes that have the old one open keep it.
+        The file. Do not truncate or overwrite it while it is open, as `cp` does: SIGBUS would kill its
+        readers, or they would read wrong values. `freeze(overwrite=True)` is safe: it replaces the
+        file, and processes that have the old one open keep it.
     verify
-        Read all of it, and compare it with its checksum. Otherwise only the front of the file is
-        checked; damage elsewhere makes wrong answers or errors, never a crash.
+        Read the whole file, and compare it with its checksum. Without it only the front of the file is
+        checked: damage elsewhere causes wrong results or errors, never a crash.
     clock
         As in `Buffer`.
 
@@ -2135,12 +2145,12 @@ def open(
     Raises
     ------
     NoSuchStore
-        There is no such file.
+        The file is missing.
     CorruptStore
-        The file is not a frozen store, or one of another version of tfdb or kind of machine, or cut, or
-        damaged. Freeze what it was made from again.
+        The file is damaged, cut, or not a frozen store, or it is of another version of tfdb or kind of
+        machine. Freeze its recording again.
     InvalidArgument
-        The path is empty, or no name that a file can have.
+        The path is empty or invalid.
     ReadOnly, CapacityExceeded
     """
 
@@ -2149,11 +2159,11 @@ def freeze_store(reads: StoreReader, path: os.PathLike[str], origin: str) -> Non
 
 class MessageMaker:
     """
-    Makes the messages that a function of Python makes, faster.
+    Makes the same messages as a Python function, faster.
 
-    How is found from two messages that the function makes: the classes of their objects, and the slots
-    in which they hold its arguments. Where there is more to them than objects with `__slots__`, the
-    function is called each time.
+    It calls the function twice, and reads from the two messages the classes of their objects, and the
+    slots that hold the arguments. If the messages have other parts than objects with `__slots__`, it
+    calls the function each time.
 
     Parameters
     ----------
@@ -2172,10 +2182,10 @@ class MessageMaker:
 
 class CoreCalls:
     """
-    The hottest calls of `tfdb.tf2.BufferCore`, its base class.
+    Native versions of the most used calls of `tfdb.tf2.BufferCore`.
 
-    Each is answered here where that is plain, else by the method in Python of the same name
-    behind an underscore.
+    Simple calls run natively. Others call the Python method of the same name with an
+    underscore.
     """
 
     def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
@@ -2195,25 +2205,25 @@ class CoreCalls:
             Its stamp is the time, or the latest common time.
 
         Raises LookupException, ConnectivityException, ExtrapolationException,
-        InvalidArgumentException; TypeError for what is not a time.
+        InvalidArgumentException; TypeError for an invalid time.
         """
 
     def can_transform_core(
         self, target_frame: str, source_frame: str, time: Any
     ) -> tuple[int, str]:
         """
-        Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).
+        Whether `lookup_transform_core` succeeds: (1, '') or (0, reason).
 
-        Raises TypeError for what is not a time or no name.
+        Raises TypeError for an invalid time or name.
         """
 
     def set_transform(self, transform: Any, authority: str) -> None:
         """
         Store T[header.frame_id<-child_frame_id] at header.stamp.
 
-        One leading '/' of each frame name is dropped. What is refused is logged (logger
-        `tfdb.tf2`) in tf2's words. Of the same stamp again the first value stays in ROS 1, the last
-        one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.
+        One leading '/' of each frame name is dropped. Refused transforms are logged
+        (logger `tfdb.tf2`) with tf2's text. A repeated stamp keeps its first value in ROS 1, and
+        its last in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.
 
         Parameters
         ----------
@@ -2222,8 +2232,8 @@ class CoreCalls:
         authority
             Name of the writer.
 
-        Raises TypeError for other messages. What is wrong with the store, not with the
-        transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.
+        Raises TypeError for other messages. Errors of the store itself are raised as by
+        `tfdb.Buffer`: CapacityExceeded, ReadOnly, LockTimeout.
         """
 
     def _answer_by(
@@ -2236,33 +2246,34 @@ class CoreCalls:
         only_new: bool,
     ) -> None:
         """
-        Answer what is plain from now on, without the methods in Python.
+        Run simple calls natively from now on.
 
         Parameters
         ----------
         buffer
-            The store. Of a subclass of `Buffer` nothing is plain.
+            The store. With a subclass of `Buffer`, all calls run in Python.
         maker
-            The MessageMaker of what lookups return.
+            Makes the messages that lookups return.
         only_time
-            The one class of times that is plain, beside int; None: any time is.
+            The only class of times, beside int, that runs natively. None: any class.
         change_kind, only_new
             As in `Buffer.set_transform`.
         """
 
 class BufferCalls(CoreCalls):
     """
-    The hottest calls of `tfdb.tf2.Buffer`, a base class of it beside `BufferCore`.
+    Native versions of the most used calls of `tfdb.tf2.Buffer`, as `CoreCalls` of
+    `BufferCore`.
 
-    As `CoreCalls`. Where a subclass has a `lookup_transform_core` or `can_transform_core` of its
-    own, the methods in Python are called.
+    If a subclass overrides `lookup_transform_core` or `can_transform_core`, the Python methods
+    run.
     """
 
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
         """
-        T[target_frame<-source_frame] at a time, once it is there.
+        Wait for T[target_frame<-source_frame] at a time, and return it.
 
         Parameters
         ----------
@@ -2271,14 +2282,14 @@ class BufferCalls(CoreCalls):
         time
             When; 0: the latest common time.
         timeout
-            A duration, or seconds as a float: how long to wait for it at most.
+            Longest wait: a duration, or seconds as a float.
 
         Returns
         -------
         geometry_msgs.msg.TransformStamped
             Maps points of the source into the target: p_target = T p_source.
 
-        Raises what `lookup_transform_core` raises, once the time is up;
+        Raises the errors of `lookup_transform_core` at the end of the timeout;
         InvalidArgumentException at once.
         """
 
@@ -2292,9 +2303,9 @@ class BufferCalls(CoreCalls):
         return_debug_tuple: Literal[False] = False,
     ) -> bool:
         """
-        Whether `lookup_transform` has an answer, or has one in time.
+        Whether `lookup_transform` succeeds within the timeout.
 
-        `return_debug_tuple`: return (whether, why not). Arguments as in `lookup_transform`.
+        `return_debug_tuple`: return (result, reason). Arguments as in `lookup_transform`.
         """
     @overload
     def can_transform(
@@ -2317,13 +2328,11 @@ class BufferCalls(CoreCalls):
     ) -> bool | tuple[bool, str]: ...
 
 def to_nanoseconds(stamp: tfdb.types.StampLike) -> int:
-    """
-    Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.
-    """
+    """Nanoseconds of a stamp in any accepted form. Raises InvalidStamp."""
 
 def duration_to_nanoseconds(seconds: float, name: str) -> int:
     """
-    Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.
+    Nanoseconds of a duration in seconds. Raises InvalidArgument with its name.
     """
 
 def pose_parts(parent: str, child: str, translation: Any, rpy: Any, wxyz: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
@@ -2374,7 +2383,7 @@ def messages_of_commits(data: bytes, since: int, choose: Callable[[str], tuple[s
     """
     The messages of commits, or of a state.
 
-    Returns of each commit its number, the TFMessages of the moving and of the static edges, and the bytes for `apply` where these do not say all; a state has them always. They go on from the commit before, the first from `since`. `choose` gives a frame's new name, and whether the edge to its parent is kept.
+    Returns a tuple for each commit: its number, the TFMessages of its moving and its static edges, and the bytes for `apply` if the messages do not contain everything. A state always has these bytes. They follow the commit before, the first ones `since`. `choose` returns a frame's new name, and whether the edge to its parent is kept.
     """
 
 def commit_of_messages(epoch: bytes, since: int, commit: int, moving: bytes | None, static: bytes | None) -> bytes:
@@ -2388,4 +2397,6 @@ def crc32c(data: bytes | memoryview) -> int:
     """The CRC-32C of bytes, with which samples end."""
 
 def checked(function: Callable[..., Any]) -> Any:
-    """The function, with our words for calls that do not fit its parameters."""
+    """
+    The function, with tfdb's errors for calls that do not fit its parameters.
+    """
