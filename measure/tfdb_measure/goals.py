@@ -229,7 +229,8 @@ def _calls_of_tf2() -> Iterator[Goal]:
 
 
 def _writes() -> Iterator[Goal]:
-    one, ten = "C++ `set_transform`, 10 edges in turns", "C++ batch of 10 edges, per transform"
+    one = "C++ `set_transform`, 10 edges one after the other"
+    ten = "C++ batch of 10 edges, per transform"
     theirs = cpp("set_transform", 10, "tf2")
     yield faster(one, TF2, None, cpp("set_transform", 10, "tfdb"), theirs)
     yield faster(ten, TF2, None, cpp("set_transform", 10, "tfdb batch"), theirs)
@@ -639,7 +640,7 @@ ENGINES = [
         at("tf2 reader", _READS),
     ),
     Goal(
-        "a reader's 99.9th percentile beside a writer flat out (16 edges each): share of tf2's",
+        "99.9th percentile of a reader beside a writer at full speed (16 edges): share of tf2's",
         TF2,
         at("beside", _P999),
         at("tf2 beside", _P999),
@@ -692,7 +693,7 @@ ENGINES = [
         scale=1e-3,
     ),
     Goal(
-        "a reader of 1000 edges beside 4 writers flat out: lookups per second, all answered",
+        "a reader of 1000 edges beside 4 writers at full speed: lookups per second, all answered",
         ITSELF,
         at("starved", _READS),
         goal=1,

@@ -6,6 +6,8 @@ import asyncio
 import dataclasses
 import logging
 import os
+import subprocess
+import sys
 import threading
 import time
 from itertools import count
@@ -302,6 +304,29 @@ def test_commits_that_are_missed_are_counted_and_the_rest_is_judged(robot: Robot
         ("step", "ok", 2.0),
         ("step", "error", 10.0),
     ]
+
+
+def test_a_read_without_events_ends_after_its_timeout() -> None:
+    with tfdb.Buffer() as buf, buf.events() as stream:
+        buf.expect("odom", "base", max_step=1)
+        begin = time.monotonic()
+        assert stream.read_next(timeout=0.05) is None
+        assert time.monotonic() - begin >= 0.05
+        assert stream.read_next() is None
+
+
+def test_events_are_of_the_package_that_users_import() -> None:
+    code = """
+import tfdb
+buf = tfdb.Buffer()
+buf.expect("odom", "base", max_step=1)
+with buf.events() as stream:
+    for stamp, x in ((1_000_000_000, 0.0), (1_100_000_000, 5.0)):
+        buf.set_transform("odom", "base", stamp, (x, 0, 0))
+    print(type(stream.read_next(timeout=60)).__module__)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "tfdb.judging\n"
 
 
 def test_streams_end_with_their_buffer(name: str) -> None:

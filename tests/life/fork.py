@@ -147,7 +147,7 @@ def forked(buf: tfdb.Buffer, held: tfdb.Snapshot, depth: int = 0) -> dict[str, s
 
 
 def work(buf: tfdb.Buffer, stop: threading.Event) -> None:
-    """Write and read flat out."""
+    """Write and read at full speed."""
     name = f"of {threading.get_ident()}"
     for stamp in itertools.count(2_001):
         if stop.is_set():

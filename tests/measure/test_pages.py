@@ -94,7 +94,7 @@ def test_goals_are_judged_by_the_median_of_ratios_within_rounds() -> None:
     lines = list(goals.table(goals.judge(goals.ENGINES, results)))
     (scaling,) = [line for line in lines if "2 threads against 1" in line]
     assert "| ≥ 1.8x | 1.85x | 1 to 1.9 | yes |" in scaling
-    missed = [line for line in lines if "flat out" in line and "share of tf2's" in line]
+    missed = [line for line in lines if "at full speed" in line and "share of tf2's" in line]
     assert "**no**" in missed[0]  # equal to tf2's is not a twentieth
     assert missed[1].startswith("- missed: ")
     assert missed[1].endswith(": 1x, wanted ≤ 0.05x")

@@ -653,7 +653,7 @@ def test_mismatches_of_joint_states_are_reported(ros: Messages, tmp_path: Path) 
 def test_topics_of_joint_states(ros: Messages, tmp_path: Path) -> None:
     model = tfdb.robots.parse_urdf(URDF)
     state = ros.joints(S, ["turn", "push"], [0.1, 0.1])
-    path = ros.write(tmp_path, [("/a", JOINTS, 1, state), ("/b", JOINTS, 1, state)])
+    path = ros.write(tmp_path, [("/b", JOINTS, 1, state), ("/a", JOINTS, 1, state)])
     with pytest.raises(tfdb.errors.RecordingError, match=r"several topics .* name one .*: /a, /b"):
         tfdb.recordings.load_joint_states(model, path)
     assert len(tfdb.recordings.load_joint_states(model, path, topic="b").frames()) == 5
