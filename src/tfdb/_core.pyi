@@ -1084,7 +1084,8 @@ class NativeBuffer(StoreReader):
         At the end of the timeout the error of `lookup_transform`, with the length of the wait;
         InvalidName at once for an invalid name; BufferClosed (`close` was called meanwhile),
         NoSuchStore (the shared store was removed meanwhile), TransactionActive, NotSupported (a
-        research engine; or this process may not write to the control file of the store), InvalidArgument
+        research engine; or this process may not write to the control file of the
+        store), InvalidArgument
         """
 
     def wait_for_commit(self, after: int, timeout: float | None = None) -> int:

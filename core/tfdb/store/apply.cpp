@@ -1,15 +1,17 @@
 // Applies commits and states of other stores: see docs/wire.md.
 #include <algorithm>
 #include <bit>
-#include <cstdio>
 #include <iterator>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "tfdb/store/apply_order.hpp"
 #include "tfdb/store/collect.hpp"
+#include "tfdb/store/sources.hpp"
 #include "tfdb/store/writes.hpp"
 #include "tfdb/txn/frame_places.hpp"
 #include "tfdb/wire/commit_sample.hpp"
@@ -19,45 +21,6 @@ namespace {
 
 using history::SourceWord;
 using wire::CommitSample;
-
-/// The digest of the shared frames lies above that of the chosen frames: see Position::choice.
-constexpr unsigned kSharedShift = 32;
-
-[[nodiscard]] history::EdgeWriter<StoreMemory> writer_to(Store& store, FrameId id) {
-    return {store.memory, store.frames.header(id)};
-}
-
-/// Calls visit(id, word) for all frames, with their history::SourceWord.
-template <class Visit>
-void for_each_source_word(Store& store, Visit visit) {
-    const StoreView view = store.view(store.committed());
-    for (FrameId id = 0; id < store.frames.count(); ++id) {
-        if (view.alive(id))
-            visit(id, store.frames.word(id, history::kSource));
-    }
-}
-
-/// Assigns the frames and samples of this store's writers to the source.
-void adopt(Store& store, std::uint64_t source) {
-    for_each_source_word(store, [&](FrameId id, sync::Word& word) {
-        const std::uint64_t before = word.load_relaxed();
-        const std::uint64_t maker = SourceWord::maker(before);
-        const std::uint64_t writer = SourceWord::writer(before);
-        const std::uint64_t samples = writer_to(store, id).has_samples() ? source : 0;
-        word.store_relaxed(
-            SourceWord::pack(maker == 0 ? source : maker, writer == 0 ? samples : writer));
-    });
-}
-
-/// Whether all frames and samples came from the source.
-bool is_only_of(Store& store, std::uint64_t source) {
-    bool only = true;
-    for_each_source_word(store, [&](FrameId id, const sync::Word& word) {
-        const std::uint64_t writer = writer_to(store, id).has_samples() ? source : 0;
-        only = only && word.load_relaxed() == SourceWord::pack(source, writer);
-    });
-    return only;
-}
 
 }  // namespace
 
@@ -87,8 +50,10 @@ public:
     }
 
 private:
-    struct Known {
-        std::string name;  // without prefix
+    /// A name of the sample, and its frame here, in the newest commit that had it.
+    struct Name {
+        std::string there;  // at the source: without prefix
+        std::string here;   // in this store; empty: not checked
         FrameId id = kNoFrame;
         CommitNumber born = 0;
     };
@@ -99,10 +64,9 @@ private:
         choice_ = sample.choice | shared_choice_;
         authors_.clear();
         const std::size_t count = sample.names.size();
-        known_.resize(count);
         names_.resize(count);
         for (std::size_t i = 0; i < count; ++i) {
-            if (known_[i].name != sample.names[i] || names_[i].empty())
+            if (names_[i].there != sample.names[i] || names_[i].here.empty())
                 set_name(i);
         }
         for (const std::string_view authority : sample.authorities) {
@@ -116,7 +80,7 @@ private:
     }
     void set_name(std::size_t i) {
         const std::string_view name = sample_->names[i];
-        names_[i].clear();  // until it is valid
+        names_[i].here.clear();  // until it is valid
         std::string here = is_shared(name) ? std::string(name) : prefix_ + std::string(name);
         const char* fault = name_fault(here);
         if (fault == nullptr && !is_text(here))
@@ -129,8 +93,7 @@ private:
                                   fault + kNameRule,
                               std::move(detail));
         }
-        known_[i] = {std::string(name)};
-        names_[i] = std::move(here);
+        names_[i] = {std::string(name), std::move(here)};
     }
 
     /// Empty if no commit of the source was applied yet. Under the commit lock.
@@ -162,6 +125,7 @@ private:
         found_.clear();
         left_.clear();
         losing_ = {};
+        parents_.reset();
         removed_parent_ = kNoFrame;
         may_be_in_use_ = false;
         const bool is_state = sample_->kind == CommitSample::Kind::kState;
@@ -201,8 +165,8 @@ private:
         commit_ = nullptr;
         for (std::size_t i = 0; i < ids_.size(); ++i) {
             if (ids_[i] != kNoFrame) {
-                known_[i].id = ids_[i];
-                known_[i].born = store_.frames.born(ids_[i]);
+                names_[i].id = ids_[i];
+                names_[i].born = store_.frames.born(ids_[i]);
             }
         }
         std::move(losing_.local.begin(), losing_.local.end(), std::back_inserter(lost_.local));
@@ -219,8 +183,8 @@ private:
     }
     [[nodiscard]] TransformView view_of(const CommitSample::Edge& edge,
                                         const CommitSample::Row& row) const {
-        return {row.parent < names_.size() ? std::string_view(names_[row.parent]) : "",
-                names_[edge.child], row.stamp, pose_of(row)};
+        return {row.parent < names_.size() ? std::string_view(names_[row.parent].here) : "",
+                names_[edge.child].here, row.stamp, pose_of(row)};
     }
     [[nodiscard]] const CommitSample::Edge& edge_of(std::size_t row) const {
         const auto behind =
@@ -259,12 +223,12 @@ private:
         if (ids_[name] == kNoFrame)
             ids_[name] = known(name);
         if (ids_[name] == kNoFrame)
-            ids_[name] = commit_->find_frame(names_[name]);
+            ids_[name] = commit_->find_frame(names_[name].here);
         return ids_[name];
     }
     /// The name's frame in an earlier commit, if it still exists.
     [[nodiscard]] FrameId known(std::uint32_t name) const {
-        const auto& [text, id, born] = known_[name];
+        const auto& [there, here, id, born] = names_[name];
         const bool exists = id != kNoFrame && store_.frames.born(id) == born &&
                             store_.frames.alive(id, store_.committed()) && !removed_.contains(id);
         return exists ? id : kNoFrame;
@@ -273,7 +237,7 @@ private:
         if (ids_[name] == kNoFrame) {
             FrameId id = known(name);
             if (id == kNoFrame)
-                id = commit_->frame(names_[name]);
+                id = commit_->frame(names_[name].here);
             ids_[name] = id;
             const std::uint64_t word = source_word(id);
             const bool is_left = (word & SourceWord::kLeft) != 0 || left_.contains(id);
@@ -287,7 +251,7 @@ private:
         word.store_relaxed(SourceWord::with_writer(maker, SourceWord::writer(word.load_relaxed())));
     }
     [[nodiscard]] history::EdgeWriter<StoreMemory> edge(FrameId id) const {
-        return writer_to(store_, id);
+        return {store_.memory, store_.frames.header(id)};
     }
     [[nodiscard]] std::uint64_t source_word(FrameId id) const {
         return store_.frames.word(id, history::kSource).load_relaxed();
@@ -366,7 +330,7 @@ private:
         return false;
     }
     /// Whether the frame is shared, and a sample of another writer names it as parent.
-    [[nodiscard]] bool is_shared_parent(FrameId id) const {
+    [[nodiscard]] bool is_shared_parent(FrameId id) {
         return !shared_.empty() && is_shared(store_.names.name(id)) &&
                parents_of_others().contains(id);
     }
@@ -375,17 +339,20 @@ private:
     }
     /// Creates and removes a frame that samples of others name.
     void pass(std::uint32_t name) {
-        gone_[name] = commit_->find_frame(names_[name]);
+        gone_[name] = commit_->find_frame(names_[name].here);
         if (gone_[name] != kNoFrame)
             return;
-        gone_[name] = commit_->frame(names_[name]);
+        gone_[name] = commit_->frame(names_[name].here);
         commit_->remove(gone_[name]);
         removed_.insert(gone_[name]);
     }
 
-    /// The frames that samples of other writers name as parents, at any stamp.
-    [[nodiscard]] txn::FrameList parents_of_others() const {
-        txn::FrameList parents;
+    /// The frames that samples of other writers name as parents, at any stamp. Samples that the
+    /// commit has removed so far are the source's, so one visit per commit is enough.
+    [[nodiscard]] const txn::FrameList& parents_of_others() {
+        if (parents_)
+            return *parents_;
+        parents_.emplace();
         const StoreView view = store_.view(store_.committed());
         for (FrameId id = 0; id < store_.frames.count(); ++id) {
             Track track;
@@ -394,17 +361,16 @@ private:
                 continue;
             for (std::size_t i = 0; i < track.parents.size(); ++i) {
                 if (view.alive_since(track.parents[i], track.commits[i]))
-                    (void)parents.insert(track.parents[i]);
+                    (void)parents_->insert(track.parents[i]);
             }
         }
-        return parents;
+        return *parents_;
     }
 
     /// Prepares for a state: removes the source's frames that the state lacks, and all its samples.
     /// A frame that lost its samples here and never had any in the state is a different frame. But
     /// a local writer may have removed its local parent: so it stays if samples of others name it.
     void take_away() {
-        std::optional<txn::FrameList> parents;
         txn::FrameList stays;
         for (std::uint32_t name = 0; name < names_.size(); ++name) {
             const FrameId id = find(name);
@@ -417,11 +383,8 @@ private:
             bool goes =
                 is_bare && (has_samples ? is_written_here(id)
                                         : (edge(id).topology() & history::Topology::kCleared) != 0);
-            if (goes && !has_samples) {
-                if (!parents)
-                    parents = parents_of_others();
-                goes = !parents->contains(id);
-            }
+            if (goes && !has_samples)
+                goes = !parents_of_others().contains(id);
             if (!goes)
                 stays.insert(id);
         }
@@ -450,7 +413,7 @@ private:
             return;
         }
         if (!written_.insert(child)) {
-            const std::string& name = names_[edge.child];
+            const std::string& name = names_[edge.child].here;
             ErrorDetail detail;
             detail.edge = name;
             detail.reason = "a commit stores the edge twice";
@@ -599,9 +562,8 @@ private:
     std::vector<std::string> shared_;
     std::uint64_t shared_choice_ = 0;
     sync::Word record_{};
-    bool is_checked_ = false;         // the record's prefix is this one
-    std::vector<std::string> names_;  // in this store, by name; empty: not checked
-    std::vector<Known> known_;        // by name
+    bool is_checked_ = false;  // the record's prefix is this one
+    std::vector<Name> names_;  // of the last sample
     // For the current sample:
     const CommitSample* sample_ = nullptr;
     /// The sample's selection of its source's frames. Samples with another choice belong to another
@@ -616,123 +578,14 @@ private:
     std::vector<FrameId> gone_;   // by name: frames that the commit removed
     std::vector<FrameId> found_;  // that the source has now, and other writers created
     LostParents losing_;
-    txn::FrameList left_;  // that the source has no longer, and local writers use
+    std::optional<txn::FrameList> parents_;  // see parents_of_others
+    txn::FrameList left_;                    // that the source has no longer, and local writers use
     txn::FrameList cleared_;
     txn::FrameList removed_;
     txn::FrameList written_;
     FrameId removed_parent_ = kNoFrame;
     bool may_be_in_use_ = false;  // remaining frames may use removed ones
 };
-
-namespace {
-
-std::string text_of(const Epoch& epoch) {
-    char id[33];
-    (void)std::snprintf(id, sizeof id, "%016llx%016llx",
-                        static_cast<unsigned long long>(epoch.high),
-                        static_cast<unsigned long long>(epoch.low));
-    return std::to_string(epoch.number) + "-" + id;
-}
-
-/// Checks whether commits between a position and a sample of these options may be missing.
-/// Threads: one. Guarantee: changes nothing.
-class Order {
-public:
-    Order(const CommitSample& sample, std::uint64_t choice, std::string_view source,
-          const std::optional<Position>& position)
-        : sample_(sample), choice_(choice), source_(source), position_(position) {}
-
-    [[nodiscard]] bool is_same_epoch() const {
-        return position_ && sample_.epoch == position_->epoch;
-    }
-    /// Whether position and sample belong to one copy.
-    [[nodiscard]] bool goes_on() const { return is_same_epoch() && choice_ == position_->choice; }
-    /// Throws Fenced, InvalidArgument, OutOfOrder.
-    void check() const {
-        if (is_same_epoch() && position_->choice == Positions::kReleased) {
-            throw InvalidArgument("the home of " + quoted(source_) +
-                                  " publishes this same store: mirror it into another store");
-        }
-        if (position_ && sample_.epoch < position_->epoch) {
-            throw Fenced("epoch " + text_of(sample_.epoch) + " of source " + quoted(source_) +
-                             " has ended: commits of epoch " + text_of(position_->epoch) +
-                             " have been applied; if its clock was set back, call forget_source(" +
-                             quoted(source_) + "), then apply a state",
-                         detail());
-        }
-        if (sample_.kind == CommitSample::Kind::kState)
-            check_state();
-        else if (!position_)
-            check_first();
-        else
-            check_commits();
-    }
-
-private:
-    /// A state with other frames may be of the position's commit, but not of an earlier one.
-    void check_state() const {
-        if (is_same_epoch() && !goes_on() && sample_.last < position_->commit) {
-            refuse("the state of commit " + std::to_string(sample_.last) + " of source " +
-                   quoted(source_) + " is older than commit " + std::to_string(position_->commit) +
-                   ", which has been applied" + other_frames() + ": apply a newer state");
-        }
-    }
-    void check_first() const {
-        if (sample_.since != 0) {
-            refuse("nothing of source " + quoted(source_) +
-                   " has been applied yet, these are the commits after " +
-                   std::to_string(sample_.since) + kStateFirst);
-        }
-    }
-    void check_commits() const {
-        if (position_->epoch == Epoch{})
-            refuse("source " + quoted(source_) + " was forgotten" + kStateFirst);
-        if (!is_same_epoch()) {
-            refuse("epoch " + text_of(sample_.epoch) + " of source " + quoted(source_) +
-                   " is later than " + text_of(position_->epoch) + kStateFirst);
-        }
-        if (!goes_on()) {
-            refuse("source " + quoted(source_) + " was applied" + other_frames() +
-                   ": apply a state (state_bytes) of those that are wanted now first");
-        }
-        if (sample_.since > position_->commit) {
-            refuse("commits " + std::to_string(position_->commit + 1) + " to " +
-                   std::to_string(sample_.since) + " of source " + quoted(source_) +
-                   " are missing: apply them first, or a state");
-        }
-    }
-    [[nodiscard]] const char* other_frames() const {
-        return choice_ >> kSharedShift != position_->choice >> kSharedShift
-                   ? " with other shared frames (shared=)"
-                   : " with other frames (frames=)";
-    }
-    [[nodiscard]] ErrorDetail detail() const {
-        ErrorDetail detail;
-        detail.since = sample_.since;
-        if (position_)
-            detail.commit = position_->commit;
-        return detail;
-    }
-    [[noreturn]] void refuse(const std::string& why) const { throw OutOfOrder(why, detail()); }
-
-    static constexpr const char* kStateFirst = ": apply a state of the source (state_bytes) first";
-    const CommitSample& sample_;
-    std::uint64_t choice_;
-    std::string_view source_;
-    const std::optional<Position>& position_;
-};
-
-/// Throws if commits of other stores cannot be applied.
-void check_applies(const Store& store) {
-    if (store.engine != nullptr) {
-        throw NotSupported("commits cannot be applied in the engine '" +
-                           std::string(concurrency_name(store.concurrency)) +
-                           "': only in the default one, 'snapshot'");
-    }
-    check_not_in_transaction(store);
-}
-
-}  // namespace
 
 Position Applying::apply(std::span<const std::byte> data) {
     check_applies(store_);
@@ -744,7 +597,7 @@ Position Applying::apply(std::span<const std::byte> data) {
     for (bool done = false; !done;) {
         const std::lock_guard guard(store_.lock);
         const std::optional<Position> position = checked_position();
-        const Order order(sample, choice_, source_name_, position);
+        const ApplyOrder order(sample, choice_, source_name_, position);
         order.check();
         const bool goes_on = order.goes_on();
         if (goes_on && sample.last <= position->commit)
@@ -784,65 +637,6 @@ LostParents Applier::take_lost() {
 
 std::optional<Position> Applier::position() {
     return applying_->position();
-}
-
-bool Buffer::forget_source(std::string_view source) {
-    store::check_applies(*store_);
-    const std::lock_guard guard(store_->lock);
-    store::Positions& positions = store_->positions;
-    const store::Positions::Record record = positions.find(source);
-    const auto position = record == 0 ? std::nullopt : positions.position(record);
-    if (!position || position->epoch == Epoch{})
-        return false;
-    store_->start_commit().publish([&] { positions.forget(record); });
-    return true;
-}
-
-std::optional<HandedOver> Buffer::hand_over(Handover how, const Position& to,
-                                            const std::optional<Position>& from) {
-    store::check_applies(*store_);
-    const std::lock_guard guard(store_->lock);
-    store::Positions& positions = store_->positions;
-    store::Positions::Record record = positions.find(to.source);
-    const auto position = record == 0 ? std::nullopt : positions.position(record);
-    const bool was_home = position && position->choice == store::Positions::kReleased;
-    if (how == Handover::kAdopt && position && to.epoch < position->epoch)
-        return std::nullopt;
-    if (from) {
-        if (!position || position->epoch != from->epoch || position->commit != from->commit)
-            return std::nullopt;
-        if (how != Handover::kRelease && was_home != (how == Handover::kAdopt))
-            return std::nullopt;
-    }
-    if (record == 0)
-        record = positions.make(to.source, "");
-    const std::uint64_t source = positions.number(record);
-    StoreCommit commit = store_->start_commit_of(source);
-    HandedOver done{commit.number(), true, commit.number() - 1};
-    if (!was_home) {
-        done.is_whole = store::is_only_of(*store_, source);
-        done.last = position ? position->commit : 0;
-    }
-    CommitNumber at = to.commit;
-    std::uint64_t choice = position ? position->choice : 0;
-    if (how == Handover::kRelease) {
-        at = done.commit;
-        choice = store::Positions::kReleased;
-    } else if (how == Handover::kAdopt) {
-        at = done.commit - 1;
-        choice = 0;
-        store::adopt(*store_, source);
-    }
-    commit.publish([&] { positions.set(record, to.epoch, at, choice); });
-    return done;
-}
-
-std::vector<Position> Buffer::positions() const {
-    return store_->positions.all();
-}
-
-Epoch Buffer::epoch() const {
-    return store_->epoch();
 }
 
 }  // namespace tfdb
