@@ -177,7 +177,7 @@ def test_contradicting_files_are_refused_and_may_be_mixed(tool: Tool, tmp_path: 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("a",), "nothing to merge"),
+        (("a",), "nothing to merge: give two files or more; 'tfdb rename' copies one"),
         (("a", "b", "--prefix", "x/"), "give --prefix once per FILE: got 1 for 2 files"),
         (("a", "none.bag"), "no such file"),
         (("a", "a"), "is given twice"),

@@ -208,7 +208,10 @@ WANTS = {"callerid": "/slow", "topic": "/out", "md5sum": kind_of(TF).md5sum, "ty
         (encode_header({}), b"does not offer nothing"),
         (encode_header({"topic": "/none", "md5sum": "*"}), b"does not offer /none"),
         (encode_header({"service": "/none", "md5sum": "*"}), b"does not offer /none"),
-        (encode_header({**WANTS, "md5sum": "0"}), b"of md5sum 0 are wanted"),
+        (
+            encode_header({**WANTS, "md5sum": "0"}),
+            b"the subscriber expects tf2_msgs/TFMessage of md5sum 0",
+        ),
     ],
 )
 def test_peers_with_another_protocol_are_refused(

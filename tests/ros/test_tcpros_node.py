@@ -16,6 +16,8 @@ import tfdb
 from ros.messages import clock, transforms
 from ros.real_ros1 import SECONDS, free_port, until
 from tfdb import tf2
+from tfdb.ros import choose_node
+from tfdb.ros.choose_node import node_for
 from tfdb.ros.tcpros_node import TcprosNode
 
 if TYPE_CHECKING:
@@ -353,6 +355,18 @@ def test_a_missing_master_is_named_by_its_uri() -> None:
     assert isinstance(caught.value, ConnectionError)
     with pytest.raises(tfdb.InvalidArgument, match="not a ROS URI"):
         TcprosNode("lonely", master="localhost", arguments=[])
+
+
+def test_without_master_and_node_the_error_names_rclpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    uri = f"http://127.0.0.1:{free_port()}"
+    monkeypatch.setenv("ROS_MASTER_URI", uri)
+    monkeypatch.setattr(choose_node, "_own", {})
+    monkeypatch.setattr(choose_node, "in_rospy", lambda: False)
+    with pytest.raises(
+        tfdb.errors.NoMaster, match=r"rclpy\.init\(\) first, or pass a node"
+    ) as caught:
+        node_for()
+    assert caught.value.uri == uri
 
 
 def test_a_callback_may_open_and_close_and_fail(

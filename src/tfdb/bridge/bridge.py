@@ -33,8 +33,8 @@ def check_origin(origin: str) -> str:
     """Return a graph's name. Raises InvalidName."""
     if _ORIGIN.fullmatch(check_name("origin", origin)) is None or not origin.isprintable():
         raise InvalidName(
-            f"{origin!r} is not a name of a graph (origin): it has no / and no space, such as"
-            " ros2+zenoh:7",
+            f"origin {origin!r} is not a valid name of a graph: it must be a name without / and"
+            " spaces, such as ros2+zenoh:7",
             value=origin,
         )
     return origin

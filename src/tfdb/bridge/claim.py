@@ -40,8 +40,10 @@ class Claim(Closable):
             self._is_private if self._file is None else _set_lock(self._file, origin, fcntl.F_WRLCK)
         ):
             self.leave()
-            text = f"the store has a bridge to {origin} already: end that bridge, or give this one"
-            raise InvalidArgument(f"{text} the name of another graph as origin", value=origin)
+            text = (
+                f"the store has a bridge to {origin} already: end that bridge. For another graph,"
+            )
+            raise InvalidArgument(f"{text} pass another origin (--origin)", value=origin)
 
     def close(self) -> None:
         """Permit another bridge to the graph. A second call does nothing."""

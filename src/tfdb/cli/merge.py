@@ -60,7 +60,7 @@ def command(
     Consecutive parts of one recording do not contradict each other.
     """
     if len(files) < 2:
-        raise click.UsageError("nothing to merge: give two files or more")
+        raise click.UsageError("nothing to merge: give two files or more; 'tfdb rename' copies one")
     if prefixes and len(prefixes) != len(files):
         raise click.UsageError(
             f"give --prefix once per FILE: got {len(prefixes)} for {len(files)} files"

@@ -47,8 +47,8 @@ def command() -> None:
 
     Example: tfdb net top
 
-    A home is a store that 'tfdb publish' publishes, a mirror a copy by 'tfdb mirror'. In Python,
-    tfdb.net makes both.
+    A home publishes a store ('tfdb publish'). A mirror copies it into another store ('tfdb
+    mirror'). In Python, tfdb.net makes both.
     """
 
 
@@ -92,7 +92,7 @@ def top(
       resyncs   times that a mirror copied a whole state
       kB/s      bytes that a home sends or a mirror receives
 
-    Exit code: 0, also after Ctrl-C, 2 on an error, 130 after Ctrl-C during the wait for a router.
+    Exit code: 0 (also after Ctrl-C), 2 on an error, 130 after Ctrl-C during the wait for a router.
     """  # noqa: D301, click wants the character
     from tfdb.net import status  # noqa: PLC0415 - Zenoh is an extra
     from tfdb.net.link import check_network_name  # noqa: PLC0415 - as above

@@ -62,7 +62,7 @@ def command(
     Example: tfdb publish shm:robot1 --as robot1 --listen tcp/127.0.0.1:7447
 
     This process becomes the home of the namespace NAME. 'tfdb mirror NAME' on another machine
-    copies each commit. A FILE is a recording or a frozen store, which has one state. The command
+    copies each commit. A FILE is a recording or a frozen store; its state does not change. The command
     waits for a missing router. With --listen it starts at once, and connects once the router
     answers.
 

@@ -139,7 +139,7 @@ def command(
     and /tfdb/state. If the process is killed or the disk is full, OUT.mcap.part keeps the flushed
     part; --salvage reads it.
 
-    Exit code: 0 complete, also after Ctrl-C, 1 if commits were lost, 2 on an error.
+    Exit code: 0 (also after Ctrl-C), 1 if commits were lost, 2 on an error.
     """
     from tfdb.recorder import Recorder  # noqa: PLC0415 - with its room
 

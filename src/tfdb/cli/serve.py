@@ -71,7 +71,7 @@ def follow(
 
     Messages arrive chunk by chunk, as the recorder writes them. The store stays when the command
     ends or is stopped by Ctrl-C. --frame, --keep, --urdf and offsets from the first or last stamp
-    are refused, because they need a finished file. If groups of topics disagree, the command stops
+    are refused, because they need a finished file. If topics disagree on an edge, the command stops
     with an error; the store keeps the earlier messages.
     """
     (path,) = common.find_paths([file])

@@ -263,7 +263,7 @@ class Home(Closable):
             fork = commit
         if fork is not None and fork < commit:
             text = f"only this store has the commits after {fork}. {self._keep(fork)}{text}"
-        text = f"this one stopped at commit {commit}. {text}"
+        text = f"this home stopped at commit {commit}. {text}"
         text = f"a later home exists or existed (epoch {later.number}): {text}"
         before = None if fork is None else (self.epoch, fork)
         self._log.add("fenced", text, before, (self.epoch, commit))

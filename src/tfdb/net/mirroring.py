@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from .session import Session
 
 _MOST_WAITING = 1024
-"""So many messages wait while a state is applied; beyond, the oldest are lost and asked for."""
+"""Largest number of messages that wait while a state is applied. Older ones are requested again."""
 _SOON = 0.01
-"""Seconds: what is due so soon wakes the thread."""
+"""If the next step is due within this many seconds, the thread is woken at once."""
 
 
 class MirrorStats(NamedTuple):
@@ -55,7 +55,7 @@ class MirrorStats(NamedTuple):
     bytes: int
     """Bytes of all messages."""
     gaps: int
-    """How often it found a gap in the commits."""
+    """Number of times that it missed commits."""
 
 
 class Mirror(Closable):
@@ -201,14 +201,14 @@ class Mirror(Closable):
     ) -> Home:
         """Make this store the home of the namespace, in a new epoch. The mirror is closed.
 
-        The old home stops once it hears of the new one. Until then, in the two halves of a network
-        that was cut, there are two homes. The commits of the old one that this mirror lacks are
-        left out: they are in the old store alone, and its `fenced` event numbers them.
+        The old home stops once a message of the new home reaches it. In a partitioned network,
+        both run until the partition ends. Commits of the old home that this mirror lacks stay in
+        the old store only. The old home's event `fenced` names them.
 
         Parameters
         ----------
         force
-            Promote also a mirror that never was live, which may lack anything.
+            Promote the mirror even if it was never live. Its data may then be incomplete.
         max_delay, keep_lost
             As in `publish`.
 
@@ -219,7 +219,7 @@ class Mirror(Closable):
         Raises
         ------
         InvalidArgument
-            It never was live; it has a prefix or shared frames; its store has other sources; it is
+            It was never live; it has a prefix or shared frames; its store has other sources; it is
             closed; or the file of `keep_lost` exists.
         OSError
             The file of `keep_lost` cannot be written.
@@ -262,7 +262,7 @@ class Mirror(Closable):
             raise InvalidArgument(text)
 
     def close(self) -> None:
-        """Stop. The store stays as it is, and a later mirror goes on from there."""
+        """Stop. The store keeps its data, and a later mirror continues from its position."""
         self._stop()
         if self._owned is not None:
             self._owned.close()
@@ -413,7 +413,7 @@ class Mirror(Closable):
 
 
 def _check_part(what: str, value: Any, behind: str = "") -> str:
-    """Return a name that a frame can have with `behind` at its end. Raises InvalidName."""
+    """Return the text, which must be a frame name with `behind` at its end. Raises InvalidName."""
     text = check_name(what, value)
     with suppress(UnicodeEncodeError):
         text.encode()
@@ -443,7 +443,7 @@ def mirror(
     Parameters
     ----------
     name
-        The namespace, as its home calls it.
+        The namespace of the home.
     into
         The store. It may have several mirrors with different prefixes, and frames of its own.
     prefix, shared
@@ -462,12 +462,13 @@ def mirror(
     Raises
     ------
     InvalidName
-        No namespace can have the name, or no frame a name with the prefix or of `shared`.
+        The namespace is invalid, or frames with the prefix, or the frames in `shared`, would have
+        invalid names.
     InvalidArgument, TypeError
-        A value that a parameter does not take, such as another prefix than that with which the
-        store has the namespace already.
+        An argument is invalid. For example, the store already mirrors the namespace under another
+        prefix.
     NotSupported
-        PyPI's eclipse-zenoh is not installed, or the store's engine takes no commits of others.
+        PyPI's eclipse-zenoh is not installed, or the store's engine cannot apply commits.
     ConnectionError
         No router answers.
     ReadOnly, LockTimeout, BufferClosed, TransactionActive

@@ -31,18 +31,18 @@ if TYPE_CHECKING:
     from .messages import Message
 
 SILENCE = 2.0
-"""Seconds without a message after which a home counts as gone: four pauses between heads."""
+"""Seconds without a message after which a home counts as gone: four intervals of heads."""
 _PAUSES = 0.05, 2.0
 _MOST_WAITING = 8 << 20
-"""Bytes of commits that are kept while those before them are asked for."""
+"""Largest size in bytes of the commits that wait for missing earlier ones."""
 _ENDS = BufferClosed, InvalidArgument, NoSuchStore, NotSupported, ReadOnly
-"""Errors of the mirror's own store, or of its prefix, which no later message mends."""
+"""Errors of the store or the prefix. They end the mirror, because no later message fixes them."""
 
 
 class Receiver:
     """The mirror's half of the protocol. Threads: one at a time.
 
-    Its state is in the store: the position is there, so it continues after the process is killed.
+    The store has the position, so a mirror continues after its process was killed.
     Times are seconds of a monotonic clock.
     """
 
@@ -61,20 +61,20 @@ class Receiver:
         self._max_lag = math.inf if max_lag is None else max_lag
         self._source, self._prefix = source, prefix
         self.applier: Applier = buffer._applier(source, prefix, list(shared))
-        """Applies the commits. Threads of the link may pass it those that `front` describes."""
+        """Applies the commits. Threads of the link pass it those that `front` describes."""
         self._draw = draw or random.Random()  # noqa: S311 - a jitter
         self.position: Position | None = self._stored()
         self.known: Epoch = NONE if self.position is None else self.position.epoch
-        """The latest epoch that it has heard of: messages of others are left out."""
+        """The latest received epoch. Messages of earlier epochs are ignored."""
         self.state: Kind = "absent"
         self._missed_at = math.inf
         self._is_told = False
         self.since: float | None = None
-        """When the home was heard last, if it is gone."""
+        """If the state is `stale`: the time of the home's last message."""
         self.lacking_since: float | None = None
-        """Since when it may lack commits: None while it is live, or knows no home."""
+        """Time since which commits may be missing. None: it is live, or has not found a home."""
         self.gaps: int = 0
-        """How often it found that commits behind its own are missing."""
+        """Number of times that commits after its position were missing."""
         self.commits: int = 0
         self.bytes: int = 0
         self.states: int = 0
@@ -82,7 +82,7 @@ class Receiver:
         self.refused: int = 0
         self.outdated: int = 0
         self.newest: int = 0
-        """The latest commit of the known epoch that it has heard of."""
+        """The largest received commit number of the epoch `known`."""
         self._head: Head | None = None
         self._heard = -math.inf
         self._is_gone = False
@@ -92,14 +92,14 @@ class Receiver:
         self._parts_of: tuple[Epoch, int, int] | None = None
         self._asked: tuple[object, ...] | None = None
         self._newest_asked = 0
-        """`newest` when it asked."""
+        """The value of `newest` at the last request."""
         self._ask_at, self._pause = -math.inf, 0.0
         self._wants_state = False
         self._is_outdated = False
-        """Whether an earlier home speaks, and no later one: a question tells it that it is one."""
+        """Whether only an earlier home sends. The next request informs it of the later epoch."""
         self._last_refusal = ""
 
-    # -- what it is fed ----------------------------------------------------------------------------
+    # -- input ----------------------------------------------------------------------------
 
     def take_answer(self, messages: Iterable[bytes], now: float) -> None:
         """Process all messages of an answer. Raises errors that end the mirror."""
@@ -131,14 +131,14 @@ class Receiver:
         self.tick(now)
 
     def front(self) -> bytes | None:
-        """Return the first bytes of commits that may be next. None: a state is."""
+        """Return the first bytes of commits that the applier may take directly. None: none."""
         position = self.position
         if position is None or position.epoch != self.known or self._wants_state or self._waiting:
             return None
         return commits_front(position.epoch)
 
     def refresh(self) -> None:
-        """Note what the applier has taken."""
+        """Update the position and the counts after commits that the applier took directly."""
         taken = self.applier.taken()
         if taken is None:
             return
@@ -200,7 +200,7 @@ class Receiver:
     # -- what it wants -----------------------------------------------------------------------------
 
     def question(self, now: float) -> Question | None:
-        """Return the question that is due; `answered` must follow. None: nothing is to be asked."""
+        """Return the due request; `answered` must be called later. None: no request is due."""
         if self._asked is not None or now < self._ask_at or not self._must_ask():
             return None
         self.requests += 1
@@ -213,7 +213,7 @@ class Receiver:
         return Question(self.known, position.commit, position.epoch)
 
     def due(self, now: float) -> float:
-        """Return in how many seconds `tick` or `question` is to be called."""
+        """Return the seconds until the next call of `tick` or `question`."""
         at = self._heard + SILENCE if self.state in ("catching up", "live") else now + SILENCE
         if self._asked is None and self._must_ask():
             at = min(at, self._ask_at)
@@ -238,7 +238,7 @@ class Receiver:
                 self._take_part(message)
 
     def _follow(self, epoch: Epoch) -> None:
-        """Leave all earlier epochs. Raises InvalidArgument: the store would follow itself."""
+        """Continue in a later epoch. Raises InvalidArgument if the store would follow itself."""
         if epoch > self.known:
             if epoch == self._buffer.epoch:
                 text = f"the home of {self._source!r} publishes this same store: "
@@ -261,7 +261,7 @@ class Receiver:
             self._buffer._hand_over(source, "follow", head.epoch, head.begin, position)
         except _ENDS:
             raise
-        except TfdbError as error:  # a state leads to it
+        except TfdbError as error:  # request a state instead
             self._refuse(error)
             self._wants_state = True
         self._reload_position()
@@ -317,7 +317,7 @@ class Receiver:
         if isinstance(message, State) and message[:2] == place[:2]:
             self._take_state(message)
         else:
-            self._refuse(CorruptMessage("the parts of a state make none"))
+            self._refuse(CorruptMessage("the parts of a state are not a state together"))
 
     def _take_state(self, message: State) -> None:
         before, head = self.position, self._head
@@ -345,7 +345,7 @@ class Receiver:
             self._reload_position()
             return False
         except TfdbError as error:
-            self._reload_position()  # of these commits some may be applied
+            self._reload_position()  # some of these commits may be applied
             self._refuse(error)
             self._wants_state = True
             return False
@@ -383,7 +383,7 @@ class Receiver:
         return self._is_outdated or self._is_behind()
 
     def _place(self) -> tuple[object, ...]:
-        """Its progress: an answer that changes it was useful."""
+        """Return the progress. An answer that changes it was useful."""
         return self.known, self.position
 
     def _longer(self) -> float:
@@ -393,11 +393,12 @@ class Receiver:
 
     def _sentence(self, state: Kind) -> str:
         commit = 0 if self.position is None else self.position.commit
-        newest = self.newest or "sent no message yet"
+        applied = f"the last applied commit is {commit}" if commit else "no commit is applied"
+        sent = f"has commit {self.newest}" if self.newest else "has sent no message yet"
         return {
             "absent": "no home was found: check its name, that both reach one router, and that "
             f"access control lets this certificate read {self._source!r}",
-            "catching up": f"commit {commit}, and the home has {newest}",
+            "catching up": f"{applied}; the home {sent}",
             "live": f"commit {commit}",
-            "stale": f"the home is gone; commit {commit} stays",
+            "stale": f"the home is gone; {applied}",
         }[state]

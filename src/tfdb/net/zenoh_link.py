@@ -51,7 +51,7 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        text = f"no Zenoh router at {where}: start one, for example by listen= (--listen) of one "
+        text = f"no Zenoh router at {where}: start one, for example with listen= (--listen) in one "
         text += "of the processes"
         if here := listeners(config):
             text = f"cannot listen at {', '.join(here)}: another program listens there, or this "

@@ -37,7 +37,7 @@ _TAKEN_OVER = "another player took over the store"
 _KEPT_EVERY = 1000
 """Number of messages between two states that are kept for jumps."""
 _KEPT_BYTES = 1 << 28
-"""Of all kept states: beyond, every other one is forgotten."""
+"""Largest size of all kept states. Beyond it every other state is dropped."""
 
 
 class Player:

@@ -241,8 +241,10 @@ class Recorder(Closable):
 
     def _warn(self) -> None:
         if self._lost:
-            text = f"{counted(self._lost, 'commit')} were lost: they came faster than the disk"
-            text += " takes them, or than they are read; a larger queue= holds more"
+            text = f"{counted(self._lost, 'commit')} were lost: they came faster than the recorder"
+            text += (
+                " could read them, or than the disk could write them; a larger queue= holds more"
+            )
             warnings.warn(text, TfdbWarning, stacklevel=4)
         if unseen := self._names.unseen():
             text = f"the options name {first_few(unseen)}, but no recorded commit has such a frame"

@@ -9,6 +9,8 @@ import sys
 import threading
 from typing import TYPE_CHECKING, Any
 
+from tfdb.data.errors import NoMaster
+
 if TYPE_CHECKING:
     from .node import Flavor, Node
 
@@ -31,7 +33,7 @@ def node_for(given: Any = None, *, own_thread: bool = False) -> Node:
     own_thread
         Whether messages of an rclpy node arrive in a separate thread instead of its executor.
 
-    Raises TypeError for an object that is not a node.
+    Raises TypeError for an object that is not a node, NoMaster if a `TcprosNode` finds no master.
     """
     if given is None:
         return _of_the_process()
@@ -77,4 +79,11 @@ def _make(flavor: Flavor, name: str) -> Node:
         return own_node(name)
     from .tcpros_node import TcprosNode
 
-    return TcprosNode(name)
+    try:
+        return TcprosNode(name)
+    except NoMaster as error:
+        raise NoMaster(
+            f"{error}. For ROS 2, call rclpy.init() first, or pass a node",
+            uri=error.uri,
+            reason=error.reason,
+        ) from error

@@ -78,7 +78,7 @@ class Master:
         except CALL_ERRORS as error:
             raise NoMaster(
                 f"no ROS master answers at {self.uri} ({error}): start `roscore`, or set"
-                " ROS_MASTER_URI to where one runs",
+                " ROS_MASTER_URI to the URI of a running one",
                 uri=self.uri,
                 reason=str(error),
             ) from error

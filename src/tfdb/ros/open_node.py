@@ -97,8 +97,8 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
             return
         raise NotSupported(
             f"ROS 2 needs rclpy and tf2_msgs, and this Python does not find them ({error}): source"
-            " the setup.bash of a ROS 2 that has this Python's version, or use"
-            f" ros2+dds:, or, in a graph of rmw_zenoh, ros2+zenoh: or RMW_IMPLEMENTATION={ZENOH}"
+            " the setup.bash of a ROS 2 that has this Python's version. Without ROS, use ros2+dds:;"
+            f" for a graph of rmw_zenoh use ros2+zenoh:, or set RMW_IMPLEMENTATION={ZENOH}"
         ) from error
     domain = domain_of(where) if where else None
     context = rclpy.Context()

@@ -480,7 +480,7 @@ class _Slave:
             subscribed.update(uris)
 
     def parameter_changed(self, name: str, value: object) -> None:
-        LOG.debug("%s is told that %s is %r", self._node.name, name, value)
+        LOG.debug("%s: the master reports that %s is %r", self._node.name, name, value)
 
     def topic_address(self, topic: str) -> tuple[str, int] | None:
         with self._node._lock:

@@ -219,8 +219,8 @@ class AdvertisedTopic:
         wanted = fields.get("md5sum", "")
         if wanted not in {ANY, self.kind.md5sum}:
             peer.refuse(
-                f"{self.name} has messages {self.kind.name} of md5sum {self.kind.md5sum}, and"
-                f" {fields.get('type', '?')} of md5sum {wanted or '?'} are wanted"
+                f"{self.name} has messages {self.kind.name} of md5sum {self.kind.md5sum}, but the"
+                f" subscriber expects {fields.get('type', '?')} of md5sum {wanted or '?'}"
             )
             return
         with self._lock:
@@ -281,7 +281,9 @@ class ServedName:
         """Accept a client by its header."""
         wanted = fields.get("md5sum", "")
         if wanted not in {ANY, self._md5sum}:
-            peer.refuse(f"{self.name} has the md5sum {self._md5sum}, and {wanted or '?'} is wanted")
+            peer.refuse(
+                f"{self.name} has the md5sum {self._md5sum}, but the client expects {wanted or '?'}"
+            )
             return
         with self._lock:
             self._peers[peer] = False

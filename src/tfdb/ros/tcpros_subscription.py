@@ -135,8 +135,8 @@ class Link:
         wanted, found = self._topic.kind.md5sum, header.get("md5sum", "")
         if found != wanted and ANY not in {found, wanted}:
             raise _RefusedError(
-                f"it sends {header.get('type', '?')} of md5sum {found or '?'}, and"
-                f" {self._topic.kind.name} of md5sum {wanted} is wanted"
+                f"it sends {header.get('type', '?')} of md5sum {found or '?'}, but"
+                f" {self._topic.kind.name} of md5sum {wanted} is expected"
             )
         self._latching = header.get("latching") == "1"
 

@@ -251,7 +251,7 @@ class _Hearing:
         name, found = key.split("/")[-2:]
         if (name, found) == (kind.wire, NO_HASH):
             return True
-        why = f"its type is {name} with hash {found}, wanted is {kind.wire} with hash {kind.hash}"
+        why = f"its type is {name} with hash {found}, expected {kind.wire} with hash {kind.hash}"
         self._graph.refusals.add(self._topic.name, key, why)
         return False
 

@@ -336,7 +336,7 @@ def _within(stamps: npt.NDArray[np.int64], name: str, since: str) -> npt.NDArray
         index = int(late.argmax())
         text = (
             f"field {name!r} of point {index}, counted from the header's stamp, is beyond the "
-            "greatest stamp: since='epoch' takes it for a stamp by itself"
+            "greatest stamp: since='epoch' reads the field as a whole stamp"
         )
         raise InvalidArgumentException(text, index=index, value=int(stamps[index]))
     return stamps

@@ -33,8 +33,8 @@ def transform_covariance(
         Q' = R exp([a]x) Q0 = exp([R a]x) R Q0    so a' = R a
 
     and C' = diag(R, R) C diag(R, R)^T, exactly: t moves the mean alone, without a lever arm
-    (ROS 2's tf2_geometry_msgs does the same). One enters where the origin of the pose itself
-    changes: a point that is r away from it, fixed to the same body, errs by d + a x r, so
+    (ROS 2's tf2_geometry_msgs does the same). The pose of another point of the same body needs a
+    lever arm. The error of a point at the offset r is d + a x r, so
 
         C' = diag(R, R) J C J^T diag(R, R)^T,    J = [[I, -[r]x], [0, I]]
 
@@ -59,7 +59,7 @@ def transform_covariance(
     numpy.ndarray
         float64, new, of the shape of `cov_in`.
 
-    Raises InvalidArgumentException for another number of numbers, or a transform that is none.
+    Raises InvalidArgumentException unless there are 36 numbers and a valid transform.
     """
     import numpy as np
 

@@ -40,7 +40,7 @@ DIFFERENCES: dict[str, Difference] = {
         "[1] a quaternion of nearly unit length is returned unchanged; [2] any length is "
         "normalised without a warning",
         "[1] normalises what upstream stores. [2] normalises any length except 0. It logs each "
-        "edge once if the square of a quaternion differs from 1 by more than 0.01 "
+        "edge once if the squared length of a quaternion differs from 1 by more than 0.01 "
         "(TF_DENORMALIZED_QUATERNION)",
         "lookups return rotations, and the log names the wrong publisher",
     ),
@@ -120,8 +120,8 @@ DIFFERENCES: dict[str, Difference] = {
     ),
     "future_before": Difference(
         "[2] result() and exception() of an unfinished future return None",
-        "the same in programs of rclpy; elsewhere they raise InvalidStateError, and wait only "
-        "with a timeout",
+        "the same in programs of rclpy; elsewhere they wait if a timeout is given, "
+        "otherwise they raise InvalidStateError",
         "None is not a transform, and a wait without a limit could hang",
     ),
     "future_loop": Difference(

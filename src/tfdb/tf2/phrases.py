@@ -178,7 +178,7 @@ def future_data(authority: str, child: str, newest: int, ahead: int) -> str:
     return (
         f'TF_FUTURE_DATA: the newest transform of child_frame_id "{child}", from authority '
         f'"{authority}", has the time {seconds(newest, 6)}, {seconds(ahead, 6)} s ahead of this '
-        "clock: what comes now is too old beside it, until the buffer is cleared"
+        "clock: transforms with the current time are now too old, until the buffer is cleared"
     )
 
 

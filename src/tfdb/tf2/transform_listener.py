@@ -109,7 +109,9 @@ class TransformListener:
     ) -> None:
         if isinstance(node, int):
             node, queue_size = None, node
-        refuse_without(buffer, "buffer", "a tfdb.tf2.Buffer, or what stores transforms", *SETTERS)
+        refuse_without(
+            buffer, "buffer", f"a tfdb.tf2.Buffer, or have {' and '.join(SETTERS)}", *SETTERS
+        )
         self._node = self._clock = listening = node_for(node, own_thread=spin_thread)
         self.node = native_node(listening)
         self._now = listening.now()
@@ -222,7 +224,7 @@ class TransformListener:
             except CorruptMessage as error:
                 self.corrupt[authority] += 1
                 if self.corrupt[authority] == 1:
-                    text = "left out a damaged message of %s: %s"
+                    text = "skipped a damaged message of %s: %s"
                     LOGGER.warning(text, authority, error, extra={"error": error})
 
         return take
