@@ -598,7 +598,7 @@ def test_a_name_that_no_graph_has_is_refused(origin: str) -> None:
 
     need("dds")
     with DdsNode("a", domain=ros2.own_domain(), arguments=[]) as at:
-        with pytest.raises(tfdb.errors.InvalidName, match="not a name of a graph"):
+        with pytest.raises(tfdb.errors.InvalidName, match="not a valid name of a graph"):
             Bridge(tfdb.Buffer(), at, origin=origin)
         with Bridge(tfdb.Buffer(), at, origin="ros1:http://host:11311"):
             pass
@@ -609,7 +609,7 @@ def test_a_name_that_no_graph_has_is_refused(origin: str) -> None:
     [
         (("",), "the store's name '' is empty"),
         (("a/b",), "has a slash"),
-        (("robot1", "--origin", "a/b"), "not a name of a graph"),
+        (("robot1", "--origin", "a/b"), "not a valid name of a graph"),
         (("robot1", "--ros-args", "-p", "use_sim_time:=yes"), "must be true or false"),
     ],
 )

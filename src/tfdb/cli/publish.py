@@ -62,9 +62,9 @@ def command(
     Example: tfdb publish shm:robot1 --as robot1 --listen tcp/127.0.0.1:7447
 
     This process becomes the home of the namespace NAME. 'tfdb mirror NAME' on another machine
-    copies each commit. A FILE is a recording or a frozen store; its state does not change. The command
-    waits for a missing router. With --listen it starts at once, and connects once the router
-    answers.
+    copies each commit. A FILE is a recording or a frozen store; its state does not change. The
+    command waits for a missing router. With --listen it starts at once, and connects once the
+    router answers.
 
     If a later home takes over, this command ends. The frames of STORE are then read-only, and 'tfdb
     mirror --into STORE' can copy the later home. If this user may only read STORE, it stays
