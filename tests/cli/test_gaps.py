@@ -168,7 +168,10 @@ def test_simulated_time_has_no_date(tool: Tool, tmp_path: Path) -> None:
     [
         (("--exclude", "basse"), "exclude: no frame, topic or node of {} matches 'basse'; did"),
         (("--rename", "basse:=b"), "rename: no frame of {} is called 'basse'; did"),
-        (("--start", "100"), "{}: nothing moves from 100 s, its stamps run from 0 s to 0.4 s"),
+        (
+            ("--start", "100"),
+            "{}: no moving transform from 100 s; the stamps run from 0 s to 0.4 s",
+        ),
     ],
 )
 def test_options_that_do_nothing_warn(

@@ -108,7 +108,14 @@ def test_a_mistyped_command_suggests_the_nearest(
 
 def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> None:
     said = tool("lookup", bag, "map", "base_link", "2.5", code=2).error
-    assert said.endswith("; did you mean +2.5, from the start?")
+    known = re.fullmatch(
+        r"tfdb: error: T\[map<-base_link\] has no data at 2\.500000000 s; the path is valid from "
+        r"\S+ to \S+ \(.* UTC\); did you mean \+2\.5, from the start\?",
+        said,
+    )
+    assert known, said
+    given = ("--start", "2.5", "--rate", "10")
+    assert tool("poses", bag, "map", "base_link", *given, code=2).error == said
     # No suggestion for a time near the recording, or an offset longer than it.
     for time in ("1795240000", "12.5", "+12.5"):
         assert "did you mean" not in tool("lookup", bag, "map", "base_link", time, code=2).error
@@ -125,6 +132,24 @@ def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> No
             f"tfdb: warning: --{name} 2.5 is before the first moving transform; "
             "did you mean +2.5, from the start?"
         )
+
+
+def test_a_time_outside_the_data_keeps_the_edge_in_the_error(tool: Tool, bag: Path) -> None:
+    said = tool("lookup", bag, "map", "base_link", "+60", code=2).error
+    assert "into the future: edge T['odom'<-'base_footprint'] covers" in said
+    assert "; the path is valid from " in said
+
+
+def test_many_choices_are_listed_in_the_help_alone(tool: Tool) -> None:
+    shown = tool("check", "--help").out
+    assert "--ignore KIND " in shown
+    listed = re.sub(r"-\s+", "-", shown[shown.index("Kinds: ") : shown.index("--for")])
+    ignored = next(each for each in EVERY["check"].params if each.name == "ignore")
+    assert isinstance(ignored.type, click.Choice)
+    assert set(re.findall(r"[\w-]+", listed)) == {"Kinds", *ignored.type.choices}
+    said = tool("check", "x.bag", "--ignore", "gp", code=2).error
+    assert "'gp' is unknown; did you mean 'gap'?" in said
+    assert "'late'" in tool("check", "x.bag", "--ignore", "zzzz", code=2).error
 
 
 def test_nanoseconds_without_their_unit(tool: Tool, bag: Path) -> None:

@@ -123,6 +123,25 @@ def tum(path: tfdb.Trajectory, file: Path, change: Any = None) -> Path:
     return file
 
 
+def test_a_trajectory_has_no_topics(
+    tool: Any, path: tfdb.Trajectory, bag: Path, tmp_path: Path
+) -> None:
+    file = tum(path, tmp_path / "a.tum")
+    found = tool("info", file).out
+    assert "/tf" not in found
+    assert "50 transforms, 2 frames, 1 moving and 0 static edges" in found
+    assert "message" not in found
+    assert "/tf" not in tool("tree", file).out
+    body = tool("info", file, "--json").json
+    assert body["topics"] == []
+    assert body["messages"] == body["transforms"] == 50
+    assert body["edges"][0]["authority"] == ""
+    counts = {each["name"]: each["messages"] for each in tool("info", bag, "--json").json["topics"]}
+    both = tool("info", bag, file, "--json").json
+    assert {each["name"]: each["messages"] for each in both["topics"]} == counts
+    assert f"\n{sum(counts.values())} messages, " in tool("info", bag, file).out
+
+
 def test_repeated_stamps_are_counted(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:
     again = tum(path, tmp_path / "again.tum", lambda lines: [*lines[:9], *lines[8:]])
     found = tool("info", again)

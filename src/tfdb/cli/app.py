@@ -245,7 +245,8 @@ def cli(ctx: click.Context) -> None:
       ros2+zenoh: or ros2+zenoh:7               the same over Zenoh; works without ROS
       ros2+dds: or ros2+dds:7                   the same over DDS; works without ROS
 
-    An edge joins a frame to its parent. It is static, or moving: then it has samples over time.
+    An edge joins a frame to its parent. A static edge never moves; a moving edge has samples over
+    time.
 
     Most commands that take a FILE read all of these. merge, rename and play read recordings and
     trajectories only. convert also reads .tfdb files, to write a trajectory or a viewer's file.

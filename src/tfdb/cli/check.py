@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from tfdb.judging.expectations import Expectations
 
 
+_IGNORABLE = list({**KINDS, **EVENT_KINDS})
+
+
 @click.command("check", cls=SuggestingCommand)
 @common.files_argument
 @common.max_gap_option
@@ -65,8 +68,9 @@ if TYPE_CHECKING:
 @click.option(
     "--ignore",
     multiple=True,
-    type=OneOf(list({**KINDS, **EVENT_KINDS})),
-    help="Do not report this kind of finding; repeatable.",
+    metavar="KIND",
+    type=OneOf(_IGNORABLE),
+    help=f"Do not report findings of this kind; repeatable. Kinds: {', '.join(_IGNORABLE)}.",
 )
 @click.option(
     "--for",

@@ -358,6 +358,21 @@ def explain_range(store: StoreReader, target: str, source: str) -> str:
     return f"{text} ({dates})" if dates else text
 
 
+def add_range(
+    error: tfdb.TfdbError, store: StoreReader, target: str, source: str, hint: str, offset: str
+) -> None:
+    """Add the stamps at which a path has data to the text of a lookup's error.
+
+    `hint` is a remedy. `offset` asks whether an offset was meant; then only the stamp, the range
+    and this question are left.
+    """
+    text = str(error)
+    if offset and isinstance(error, tfdb.Extrapolation) and error.stamp is not None:
+        text, hint = f"T[{target}<-{source}] has no data at {format_ns(error.stamp)} s", ""
+    parts = text, explain_range(store, target, source), hint, offset
+    error.args = ("; ".join(filter(None, parts)),)
+
+
 def common_range(store: StoreReader, target: str, source: str) -> tuple[int, int] | None:
     """Return the first and last stamp at which all moving edges of a path have data."""
     forest = Forest(store.tree())

@@ -183,7 +183,7 @@ def command(
     if outs:
         output.say()
     for path in outs:
-        output.say(layout.wrap(layout.words(f"{path}: the picture", str(path))))
+        output.say(layout.wrap(layout.words(f"{path}: the comparison", str(path))))
 
 
 def _has_frames(name: str) -> bool:

@@ -48,8 +48,9 @@ def command(
 
     Example: tfdb gaps drive.bag --max-gap 0.5
 
-    Gaps are sorted by the frame tree, then by time. A gap is longer than --max-gap, or than five
-    median periods of its edge. Only ROS 1 bags and live graphs name publishers.
+    The gaps of each frame are sorted by time; frames are in the order of the tree. A gap is longer
+    than --max-gap, or than five median periods of its edge. Only ROS 1 bags and live graphs name
+    publishers.
     """
     loaded, arrivals = examined(files, length)
     loaded.warn_of_mixture()

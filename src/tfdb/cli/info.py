@@ -37,8 +37,8 @@ def command(*, files: tuple[str, ...], as_json: bool) -> None:
 
     Example: tfdb info drive.mcap
 
-    Several FILEs are parts of one recording. A shared store (shm:NAME), a live graph (ros1:, ros2:)
-    and a frozen store (FILE.tfdb) are shown without topics.
+    Several FILEs are parts of one recording. A shared store (shm:NAME), a live graph (ros1:,
+    ros2:), a frozen store (FILE.tfdb) and a trajectory are shown without topics.
     """
     loaded = common.load(files, apart=True)
     edges = edge_summaries(loaded.store)
@@ -128,7 +128,8 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
     moving = sum(1 for edge in edges if not edge.info.is_static)
     given = ""
     if report:
-        given = f"{counted(report.messages, 'message')}, "
+        messages = sum(topic.messages for topic in report.topics)
+        given = f"{counted(messages, 'message')}, " if messages or not report.trajectories else ""
         given += f"{counted(report.transforms, 'transform')}, "
     static = counted(len(edges) - moving, "static edge")
     counts = f"{given}{counted(len(infos), 'frame')}, {moving} moving and {static}"
@@ -138,7 +139,8 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
         say_rows(out, report.trajectories)
         kinds = ("moving", "static")
         rows = [(t.name, f"{t.messages:,}", kinds[t.static]) for t in report.topics]
-        out.print(layout.table(_TOPIC_COLUMNS, rows))
+        if rows:
+            out.print(layout.table(_TOPIC_COLUMNS, rows))
     by_name = {edge.info.name: edge for edge in edges}
     tree = Forest(infos).rows()
     lines = [_edge_row(row.info.name, by_name.get(row.info.name)) for row in tree]

@@ -63,9 +63,7 @@ def command(
     try:
         found = store.lookup_transform(target, source, stamp, policy)
     except (tfdb.Extrapolation, tfdb.errors.NoSampleNear) as error:
-        asked = ask_of_offsets(loaded.span, time)
-        parts = str(error), common.explain_range(store, target, source), asked
-        error.args = ("; ".join(filter(None, parts)),)
+        common.add_range(error, store, target, source, "", ask_of_offsets(loaded.span, time))
         raise
     if as_json:
         output.emit_json("lookup", _body(loaded, found, time.text))
@@ -108,7 +106,7 @@ def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]
 _COLUMNS = (
     layout.Column("frame"),
     layout.Column("parent", 5),
-    layout.Column("made from", 1),
+    layout.Column("method", 1),
     layout.Column("before", 4, right=True),
     layout.Column("after", 4, right=True),
     layout.Column("gap", 2, right=True),

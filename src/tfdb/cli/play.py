@@ -185,7 +185,7 @@ def _body(
 def _describe(player: Player, told: LoadReport, began: float) -> str:
     passed = format_duration(round((time.monotonic() - began) * NS))
     text = f"{counted(told.transforms, 'transform')} in {counted(told.messages, 'message')}"
-    text += f", in {passed}"
+    text += f", played in {passed}"
     if player.shift:
         text += f"; stamps are {format_duration(player.shift)} later than recorded"
     if told.first_refusals:

@@ -134,10 +134,9 @@ def command(
             stamps = _between(wanted, first, last)
             poses = store.lookup_transforms(target, source, stamps, policy, missing=missing)
     except (*_NO_POSE, tfdb.InvalidArgument) as error:
-        parts = [str(error), common.explain_range(store, target, source)]
-        parts += ["--skip-missing leaves such stamps out"] if isinstance(error, _NO_POSE) else []
-        parts += [ask_of_offsets(loaded.span, start, end)]
-        error.args = ("; ".join(filter(None, parts)),)
+        hint = "--skip-missing leaves such stamps out" if isinstance(error, _NO_POSE) else ""
+        offset = ask_of_offsets(loaded.span, start, end)
+        common.add_range(error, store, target, source, hint, offset)
         raise
     warn_of_bounds(loaded.span, start=start, end=end)
     import numpy as np

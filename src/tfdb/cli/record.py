@@ -197,5 +197,5 @@ def _show(recorder: Recorder, source: str, seconds: float, *, as_json: bool) -> 
         output.emit_json("record", body)
         return
     text = f"{', '.join(files)}: {counted(recorder.commits, 'commit')}"
-    text += f", {recorder.size / 1e6:,.1f} MB, in {format_duration(round(seconds * NS))}"
+    text += f", {recorder.size / 1e6:,.1f} MB, recorded in {format_duration(round(seconds * NS))}"
     output.say(layout.wrap(layout.words(text, *files)))

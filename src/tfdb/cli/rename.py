@@ -31,8 +31,8 @@ def command(
 
     Example: tfdb rename drive.mcap -o robot1.mcap --rename map:=world
 
-    FILE stays unchanged; OUT is a .bag, .mcap or .db3. --rename is applied before --prefix. A
-    frame of --rename must exist, and two frames must not get one name.
+    FILE stays unchanged; OUT is a .bag, .mcap or .db3. --rename is applied before --prefix. A frame
+    of --rename must exist. Two frames must not get the same name.
     """
     if not given().keys() & {"rename", "prefix", "by_namespace"}:
         raise click.UsageError(

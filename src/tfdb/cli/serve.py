@@ -105,7 +105,7 @@ def _show_followed(report: LoadReport, file: str, name: str, *, as_json: bool) -
         return
     passed = format_duration(round(report.seconds * NS))
     text = f"{counted(report.transforms, 'transform')} in {counted(report.messages, 'message')}"
-    text += f", in {passed}"
+    text += f", loaded in {passed}"
     output.say(layout.wrap(layout.words(text)))
 
 
@@ -195,7 +195,7 @@ def describe_graph(live: Live, began: float) -> tuple[dict[str, Any], str]:
         "seconds": round(seconds, 3),
     }
     text = f"{counted(commits, 'commit')}, {counted(len(infos), 'frame')}"
-    text += f", in {format_duration(round(seconds * NS))}"
+    text += f", received in {format_duration(round(seconds * NS))}"
     if damaged:
         text += f"; {counted(damaged, 'damaged message')} left out"
     if refused:

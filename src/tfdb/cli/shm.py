@@ -45,9 +45,11 @@ def command() -> None:
 @layout.wide_option
 @common.json_option
 def list_stores(*, as_json: bool) -> None:
-    """List all shared stores, even those that this version or user cannot open.
+    """List all shared stores.
 
     Example: tfdb shm ls
+
+    A store that this user or version cannot open is listed with its error.
     """
     found = [_look(name) for name in find_stores()]
     if as_json:
@@ -144,7 +146,7 @@ def _row(body: dict[str, Any]) -> tuple[Any, ...]:
 @name_argument
 @common.json_option
 def describe(*, name: str, as_json: bool) -> None:
-    """Show the size, use, owner, readers and clock of the store NAME.
+    """Show size, use, owner and clock of a store.
 
     Example: tfdb shm info robot1
     """
@@ -180,11 +182,11 @@ def describe(*, name: str, as_json: bool) -> None:
 @name_argument
 @common.json_option
 def reset_clock(*, name: str, as_json: bool) -> None:
-    """Let the clock of the store NAME follow the system's clock again.
+    """Let a store's clock follow the system's.
 
     Example: tfdb shm reset-clock robot1
 
-    'tfdb play' does so when it ends. After a kill of 'tfdb play' this command is needed.
+    'tfdb play' does so when it ends. Use this command if 'tfdb play' was killed.
     """
     given = name.removeprefix(STORE)
     with tfdb.Buffer.open(given, create=False) as store:
@@ -200,7 +202,7 @@ def reset_clock(*, name: str, as_json: bool) -> None:
 @name_argument
 @common.json_option
 def compact(*, name: str, as_json: bool) -> None:
-    """Return unused memory of the store NAME to the system.
+    """Return unused memory of a store.
 
     Example: tfdb shm compact robot1
     """

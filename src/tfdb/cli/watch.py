@@ -53,8 +53,8 @@ def command(
 
     Example: tfdb watch ros2: --expect expectations.toml
 
-    FILE is a live graph (ros1:, ros2:) or a shared store (shm:NAME). It is watched until Ctrl-C, or
-    as long as --for states. 'tfdb check --expect' checks a recording.
+    FILE is a live graph (ros1:, ros2:) or a shared store (shm:NAME). The command watches it until
+    Ctrl-C, or for the time of --for. 'tfdb check --expect' checks a recording.
 
     Exit code: 1 after an event of severity error or stale, 0 without one, 2 on an error.
     """

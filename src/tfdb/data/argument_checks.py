@@ -14,6 +14,9 @@ from .suggestions import near_names
 if TYPE_CHECKING:
     from collections.abc import Collection
 
+_LISTED = 12
+"""Valid words that an error lists beside the nearest one; more of them hide it."""
+
 
 def check_flag(name: str, value: Any) -> bool:
     """Return a flag as a bool. Raises InvalidArgument for text and for values without a truth."""
@@ -73,8 +76,14 @@ def not_one_of(name: str, value: Any, words: Collection[str], more: str = "") ->
 
 
 def unknown_word(value: str, words: Collection[str]) -> str:
-    """Return the text, as click words it, that a value is not a valid word, with the nearest."""
-    return f"{value!r} is not one of {', '.join(map(repr, words))}{_question(value, words)}"
+    """Return the text, as click words it, that a value is not a valid word, with the nearest.
+
+    Many words are listed only if none of them is near.
+    """
+    near = _question(value, words)
+    if near and len(words) > _LISTED:
+        return f"{value!r} is unknown{near}"
+    return f"{value!r} is not one of {', '.join(map(repr, words))}{near}"
 
 
 def unknown_ending(path: str, endings: Collection[str]) -> str:

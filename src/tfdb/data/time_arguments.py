@@ -48,7 +48,7 @@ class Time:
         if found is None:
             raise InvalidArgument(
                 f"{self.text!r} counts from the first or to the last moving stamp, but "
-                "nothing moves in the selection; give an absolute time",
+                "the selection has no moving transform; give an absolute time",
                 value=self.text,
             )
         return found[0] + self.ns if self.since > 0 else found[1] - self.ns

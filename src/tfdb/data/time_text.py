@@ -45,7 +45,7 @@ def format_dates(first: int, last: int) -> str:
 
 
 def format_duration(ns: int) -> str:
-    """Write a duration: ``33.4 ms``, ``1.25 s``, ``2 min 3 s``."""
+    """Write a duration: ``33.4 ms``, ``1.25 s``, ``2 min 3 s``, ``20 min``."""
     size = abs(ns)
     sign = "-" if ns < 0 else ""
     for limit, unit, scale in ((1_000, "ns", 1), (1_000_000, "us", 1_000), (NS, "ms", 1_000_000)):
@@ -55,8 +55,9 @@ def format_duration(ns: int) -> str:
         return f"{sign}{_three_digits(Decimal(size) / NS)} s"
     minutes, rest = divmod(size // NS, 60)
     if minutes < 120:
-        return f"{sign}{minutes} min {rest} s"
-    return f"{sign}{minutes // 60} h {minutes % 60} min"
+        return f"{sign}{minutes} min" + (f" {rest} s" if rest else "")
+    hours, rest = divmod(minutes, 60)
+    return f"{sign}{hours} h" + (f" {rest} min" if rest else "")
 
 
 def _three_digits(value: Decimal) -> str:

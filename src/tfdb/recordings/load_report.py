@@ -160,9 +160,13 @@ class Tally:
         self._forgotten = _core.Forgotten(self.buffer) if is_limited else None
 
     def count(self, recording: Recording, choice: Choice) -> None:
-        """Add the topics of a recording; its reader has checked their numbers of messages."""
+        """Add the topics of a recording; its reader has checked their numbers of messages.
+
+        A trajectory file has poses, but no topics.
+        """
         for source in filter(choice.wants, recording.all_sources):
-            self.count_messages(source, source.messages, choice)
+            if recording.rows is None:
+                self.count_messages(source, source.messages, choice)
         self.lost += recording.losses
         self.notes += recording.notes
         if recording.rows is not None:

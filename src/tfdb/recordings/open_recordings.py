@@ -382,7 +382,9 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
     last = None if choice.end is None else choice.end.resolve(found)
     if choice.keep is not None:
         if found is None:
-            raise InvalidArgument("keep counts back from the last moving stamp, but nothing moves")
+            raise InvalidArgument(
+                "keep counts back from the last moving stamp, but no transform moves"
+            )
         newest = found[1] if last is None else min(last, found[1])
         first = max(newest - choice.keep, 0 if first is None else first)
     if first is not None and last is not None:

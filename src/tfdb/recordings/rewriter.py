@@ -384,7 +384,7 @@ class Rewriter:
             message = f"rename: {first_few(left_out)} of {what} is left out by {choice.limits}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         if self._all_outside() and not self.moving:
-            message = f"{what}: nothing moves {self._described()}"
+            message = f"{what}: no moving transform {self._described()}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         for topic, count in self.untimed.items() if untimed else ():
             message = f"{what}: {describe_untimed(topic, count)}"
@@ -413,7 +413,7 @@ class Rewriter:
         one = self.left_out == 1
         what = "the only transform is" if one else f"all {self.left_out:,} transforms are"
         count = f"{what} left out by {self._choice.limits}"
-        return f"{count}: nothing moves {self._described()}" if self._all_outside() else count
+        return f"{count}: no moving transform {self._described()}" if self._all_outside() else count
 
     def _all_outside(self) -> tuple[int, int] | None:
         """Return the first and last moving stamp that only the time window left out."""
@@ -430,7 +430,7 @@ class Rewriter:
         meant = [time for time in given if time.may_be_offset(outside)]
         offsets = " and ".join(f"'+{format_seconds(each.ns)}'".replace(" s", "") for each in meant)
         hint = f"; did you mean {offsets}, from the start?" if meant else ""
-        return f"{since}{until}, its stamps run from {there}{hint}".lstrip()
+        return f"{since}{until}; the stamps run from {there}{hint}".lstrip()
 
     def _is_inside(self, transform: TransformStamped) -> bool:
         first, last = self.window

@@ -125,11 +125,15 @@ class Selection:
         default=None, metadata=_option("TIME", "Read no moving transform after this time.")
     )
     keep: float | None = field(
-        default=None, metadata=_option("SECONDS", "Read only the last part of this length.")
+        default=None, metadata=_option("SECONDS", "Read only the last SECONDS of the data.")
     )
     frames: str | Iterable[str] | None = field(
         default=None,
-        metadata=_option("NAME", "Read only the paths between these frames; repeatable."),
+        metadata=_option(
+            "NAME",
+            "Read only the edges that connect these frames; repeatable. A single frame is "
+            "connected to its root.",
+        ),
     )
     exclude: str | Iterable[str] = field(
         default=(),

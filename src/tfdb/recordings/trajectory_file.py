@@ -47,7 +47,7 @@ def open_trajectory(
     container = Container(
         path,
         [Topic(_TOPIC, "tf2_msgs/msg/TFMessage", count)],
-        {0: Source(_TOPIC, "ros1", _TOPIC, count)},
+        {0: Source(_TOPIC, "ros1", "", count)},
         int(trajectory.stamps[there][0]),
         payloads,
         _nothing,
