@@ -161,7 +161,7 @@ def test_pictures(
     said = tool("compare", *files, "--save", "a.png", code=2).error
     assert "a.png: exists already; --overwrite replaces it" in said
     shown = tool("compare", *files, "--save", "a.png", "--overwrite").out
-    assert shown.endswith("\n\na.png: the picture\n")
+    assert shown.endswith("\n\na.png: the comparison\n")
     said = tool("compare", *files, "--save", files[0], "--overwrite", code=2).error
     assert "or a path that ends in one of them" in said
 

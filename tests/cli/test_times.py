@@ -66,7 +66,7 @@ def test_relative_counts_from_the_start_or_the_end() -> None:
     assert parse("-1.5").resolve(span) == 5_500_000_000
     assert parse("-7").resolve(span) == 0
     for text in ("+1", "-1"):
-        with pytest.raises(tfdb.InvalidArgument, match="nothing moves"):
+        with pytest.raises(tfdb.InvalidArgument, match="no moving transform"):
             parse(text).resolve(None)
     with pytest.raises(tfdb.InvalidStamp, match="before time 0"):
         parse("-7.1").resolve(span)

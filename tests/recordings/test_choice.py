@@ -349,7 +349,7 @@ def test_an_offset_where_nothing_moves(tmp_path: Path) -> None:
     still = tfdb.TransformStamped("a", "b", 0, (1, 2, 3), (0, 0, 0, 1))
     tfdb.recordings.write_transforms(path, [], [still])
     for options in ({"start": "+1"}, {"keep": 1}):
-        with pytest.raises(tfdb.InvalidArgument, match=r"no (moving )?transform"):
+        with pytest.raises(tfdb.InvalidArgument, match="no moving transform"):
             tfdb.load(path, **options)
     assert tfdb.load(path, start=5).frames() == ["a", "b"]
 

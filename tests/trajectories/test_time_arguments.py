@@ -95,7 +95,7 @@ def test_ranges_that_are_none(store: tfdb.Buffer) -> None:
         early.trajectory("map", "base", start="-6")
     still = tfdb.Buffer()
     still.set_static_transform("map", "base", (1, 2, 3))
-    with pytest.raises(tfdb.InvalidArgument, match="nothing moves"):
+    with pytest.raises(tfdb.InvalidArgument, match="no moving transform"):
         still.trajectory("map", "base", 10, "+1", "+2")
-    with pytest.raises(tfdb.InvalidArgument, match="nothing moves"):
+    with pytest.raises(tfdb.InvalidArgument, match="no moving transform"):
         tfdb.Trajectory("map", "base", [], np.zeros((0, 7))).crop("+1")

@@ -42,7 +42,11 @@ if TYPE_CHECKING:
     from tfdb.judging.expectations import Expectations
 
 
-_IGNORABLE = list({**KINDS, **EVENT_KINDS})
+_ERRORS, _WARNINGS = (
+    [kind for kind, (severity, _) in KINDS.items() if severity == level]
+    for level in ("error", "warning")
+)
+_EXPECTED = [kind for kind in EVENT_KINDS if kind not in KINDS]
 
 
 @click.command("check", cls=SuggestingCommand)
@@ -69,8 +73,10 @@ _IGNORABLE = list({**KINDS, **EVENT_KINDS})
     "--ignore",
     multiple=True,
     metavar="KIND",
-    type=OneOf(_IGNORABLE),
-    help=f"Do not report findings of this kind; repeatable. Kinds: {', '.join(_IGNORABLE)}.",
+    type=OneOf([*_ERRORS, *_WARNINGS, *_EXPECTED]),
+    help="Do not report findings of this kind; repeatable. "
+    f"Errors: {', '.join(_ERRORS)}. Warnings: {', '.join(_WARNINGS)}. "
+    f"With --expect also: {', '.join(_EXPECTED)}.",
 )
 @click.option(
     "--for",

@@ -77,8 +77,8 @@ def compare(
         stamps are left out. Gaps of more than twice this time are not interpolated. None: 0.01 for
         `nearest`, 2.5 median periods of the interpolated trajectory for `interpolate`.
     offset
-        Seconds to add to the estimate's stamps. `estimate` computes it from both motions; half of
-        the shorter trajectory must overlap the longer one.
+        Seconds to add to the estimate's stamps. `estimate` computes this offset from both motions;
+        half of the shorter trajectory must overlap the longer one.
     align
         The transform that is fitted to align the estimate with the reference: `se3` (rotation and
         translation), `sim3` (also a scale), `scale` only, `yaw` (a rotation about z and a
@@ -92,7 +92,7 @@ def compare(
     all_pairs
         Begin an interval at every pose, not only at the end of the previous interval.
     delta_tolerance
-        Relative tolerance on `delta`, for `all_pairs` with another unit than frames.
+        Relative tolerance on `delta`, used with `all_pairs` unless `delta_unit` is `frames`.
     pairs_from
         The trajectory whose path and rotation define the intervals.
     salvage, stamp_unit
@@ -115,13 +115,13 @@ def compare(
     InvalidTransform
         A row that is not a pose. Field: index.
 
-    And what reading the files and looking up the frames raises.
+    Also the errors of `Trajectory.read`, `tfdb.load` and `Buffer.trajectory`.
 
     Warns
     -----
     TfdbWarning
-        The positions agree, but the rotations only if the quaternions of one trajectory are in the
-        order w x y z. Also the warnings of `Trajectory.read` for files.
+        The positions agree, but the rotations do not, and they would agree with the quaternions of
+        one trajectory read as w x y z. Also the warnings of `Trajectory.read`.
     """
     if stamp_unit is not None:
         check_word("stamp_unit", stamp_unit, STAMP_UNITS)

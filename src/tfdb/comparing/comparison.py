@@ -28,16 +28,27 @@ STATISTICS = ("rmse", "mean", "median", "std", "min", "max", "sse")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Errors of one kind over time, and their statistics, in `unit` (the sse in its square)."""
+    """Errors of one kind over time, and their statistics.
+
+    The statistics are in `unit`, the sum of squares (sse) in its square.
+
+    Parameters
+    ----------
+    name
+        Name of the errors, such as `APE translation`.
+    unit
+        `m`, or `rad` for angles from 0 to pi.
+    stamps
+        (N,) nanoseconds on the reference's clock. The stamp of a relative error is that of the
+        second pose of its pair.
+    values
+        (N,) errors, none of them negative.
+    """
 
     name: str
-    """Name of the errors, such as `APE translation`."""
     unit: Literal["m", "rad"]
-    """Metres, or radians from 0 to pi."""
     stamps: Stamps
-    """(N,) nanoseconds on the reference's clock; of RPE that of the second pose of each pair."""
     values: Array
-    """(N,) each at least 0."""
 
     def __len__(self) -> int:
         return len(self.values)
@@ -70,12 +81,12 @@ class Errors:
 
     @property
     def min(self) -> float:
-        """The least."""
+        """The smallest error."""
         return float(np.min(self.values))
 
     @property
     def max(self) -> float:
-        """The greatest."""
+        """The largest error."""
         return float(np.max(self.values))
 
     @property
@@ -85,11 +96,11 @@ class Errors:
 
     @property
     def statistics(self) -> dict[str, float]:
-        """All of them by name."""
+        """All statistics by name."""
         return {name: getattr(self, name) for name in STATISTICS}
 
     def in_degrees(self) -> dict[str, float]:
-        """The statistics, those of radians in degrees."""
+        """All statistics by name, in degrees instead of radians."""
         factor = 180.0 / np.pi if self.unit == "rad" else 1.0
         return {
             name: value * (factor**2 if name == "sse" else factor)
@@ -101,47 +112,55 @@ class Errors:
 class Comparison:
     """The error of an estimated trajectory against a reference. `print` shows the table.
 
-    The absolute pose error (APE, also ATE) of two matched poses is reference^-1 * estimate. The
-    relative pose error (RPE) is that of their motions: J. Sturm et al., "A benchmark for the
-    evaluation of RGB-D SLAM systems", IROS 2012. Each has a translation and a rotation.
+    The absolute pose error (APE, also ATE) is reference^-1 * estimate, for each pair of matched
+    poses. The relative pose error (RPE) is the same for their motions over `delta`: J. Sturm et
+    al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012. Both errors have a
+    translation and a rotation.
+
+    Parameters
+    ----------
+    reference
+        The matched poses T[target<-source] of the reference.
+    estimate
+        The matched poses of the estimate, aligned. Row i belongs to row i of `reference`.
+    ape_translation, rpe_translation
+        Lengths of the errors' translations, metres.
+    ape_rotation, rpe_rotation
+        Angles of the errors' rotations, radians.
+    pairs
+        (M, 2) rows of the two matched poses of each relative error.
+    alignment
+        T[reference.target<-estimate.target]; applies to positions multiplied by `scale`.
+    scale
+        Scale of the estimate's positions.
+    offset, offset_estimated
+        Nanoseconds that were added to the estimate's stamps, and whether tfdb estimated them.
+    given
+        Number of poses of the reference and of the estimate, before matching.
+    association, max_diff
+        How poses were matched; the limit in nanoseconds, 0 for `rows`.
+    align, delta, delta_unit, all_pairs
+        As in `tfdb.compare`.
     """
 
     reference: Trajectory
-    """The matched poses T[target<-source] of the reference."""
     estimate: Trajectory
-    """Those of the estimate, aligned, row by row at the same stamps."""
     ape_translation: Errors
-    """Distances of positions, metres."""
     ape_rotation: Errors
-    """Angles between orientations, radians."""
     rpe_translation: Errors
-    """Translation of the difference of the motions over `delta`, metres."""
     rpe_rotation: Errors
-    """Rotation of that difference, radians."""
     pairs: Rows
-    """(M, 2) rows of the two matched poses of each relative error."""
     alignment: Transform
-    """T[reference.target<-estimate.target]; applies to positions multiplied by `scale`."""
     scale: float
-    """Scale of the estimate's positions."""
     offset: int
-    """Nanoseconds that were added to the estimate's stamps."""
     offset_estimated: bool
-    """Whether they were estimated."""
     given: tuple[int, int]
-    """Poses of the reference and of the estimate."""
     association: Literal["interpolate", "nearest", "rows"]
-    """How poses were matched: by time, or row by row."""
     max_diff: int
-    """The limit `max_diff` in nanoseconds; 0 for rows."""
     align: Align
-    """The fitted transform."""
     delta: float
-    """Interval of a relative error, in `delta_unit`."""
     delta_unit: DeltaUnit
-    """Its unit."""
     all_pairs: bool
-    """Whether an interval begins at every pose, not only at the end of the previous one."""
 
     @property
     def has_stamps(self) -> bool:
@@ -152,7 +171,7 @@ class Comparison:
         return not (self.association == "rows" and numbers)
 
     def __len__(self) -> int:
-        """How many poses were matched."""
+        """Number of matched poses."""
         return len(self.reference)
 
     def __repr__(self) -> str:

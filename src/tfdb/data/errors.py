@@ -187,8 +187,9 @@ class UnknownFrame(TfdbError, LookupError):
 class Disconnected(TfdbError):
     """Both frames exist, but no path joins them. Fields: target, source, frames (the roots).
 
-    If an edge towards a root has samples, but none at the stamp, also edge, parent (`(removed)` if
-    that frame was removed), stamp, oldest, newest and reason (`past`, `future`).
+    If an edge towards a root has samples, but none at the stamp, the error also has the fields
+    edge, parent (`(removed)` if that frame was removed), stamp, oldest, newest and reason (`past`,
+    `future`).
     """
 
 
@@ -338,8 +339,8 @@ class Forked(TfdbError):
 class FeedLapped(TfdbError):
     """The feed no longer has these changes: take a snapshot and follow from its commit.
 
-    A follower that may miss commits continues from `commit`, the middle of the feed. The oldest
-    commit is overwritten next. The feed of a frozen store is empty.
+    A follower that may miss commits continues from `commit`, the middle of the feed: the oldest
+    commits are overwritten first. The feed of a frozen store is empty.
 
     Fields: since, oldest, newest (the valid range of `since`), commit.
     """

@@ -119,7 +119,7 @@ class Previous(_Limited):
 
 
 class Nearest(_Limited):
-    """The closest sample, of two equally close ones the earlier.
+    """The closest sample; the earlier one of two at the same distance.
 
     Raises NoSampleNear if it is further away than `tolerance`.
     """

@@ -283,7 +283,7 @@ class Columns:
     Raises
     ------
     InvalidArray
-        Not exactly one of these forms is given, or a shape is wrong.
+        None or several of these forms are given, or a shape is wrong.
     InvalidTransform
         A matrix is not a rigid transform; the error has its `index` and the size of the error.
     InvalidArgument

@@ -57,10 +57,10 @@ class _Passing:
 class LiveJudge:
     """Evaluates the commits of a live store as they arrive.
 
-    A sample arrives when its commit is read. What is due between two looks is met by a sample that
-    the second one finds. If that look is half a second late, the stamps decide: a sample then came
-    as long after its stamp as the fastest of its edge. Threads: one at a time; `read` may wait
-    beside the others.
+    A sample arrives when its commit is read. A deadline that passes between two reads is met by a
+    sample of the second read. If that read is half a second late, arrival times are estimated from
+    the stamps and the shortest delay of the edge. Threads: one at a time; `read` may wait beside
+    the others.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class LiveJudge:
     rates
         Counts the samples as well.
     judges
-        Whether anything is expected: else samples are counted only.
+        Whether to evaluate expectations. False: samples are only counted.
     now
-        What the clock shows. None: it is asked.
+        Time on the clock. None: it is read.
     """
 
     def __init__(

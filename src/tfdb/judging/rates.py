@@ -141,9 +141,9 @@ class Rates:
     judge
         Numbers the edges and authorities.
     began
-        When it began to look, in nanoseconds of any clock that does not jump.
+        Start of the first period, in nanoseconds of a clock that does not jump.
     window
-        How many periods count.
+        Number of periods that count.
     """
 
     def __init__(self, judge: Judge, began: int, window: int) -> None:

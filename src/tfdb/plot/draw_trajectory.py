@@ -99,8 +99,8 @@ def trajectory(
     Raises
     ------
     InvalidArgument
-        No path; a path without a pose, or with one 1e100 m away; a wrong number of labels; another
-        value of an option.
+        No path; a path without a pose, or with a coordinate beyond 1e100 m; a wrong number of
+        labels; an invalid value of an option.
     """
     _check(paths, axes, color, labels, size)
     drawn = _prepare(paths, labels)

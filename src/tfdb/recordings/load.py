@@ -95,7 +95,7 @@ def load_into(
     progress: Progress | None = None,
     arrivals: ArrivalReader | None = None,
 ) -> LoadReport:
-    """Load the transforms of recordings into a store, as `Buffer.load` says.
+    """Load the transforms of recordings into a store, as `Buffer.load`.
 
     The files are checked before the first commit, so a damaged one leaves the store unchanged.
     `arrivals` gets each message. Warnings name the caller's caller.

@@ -147,7 +147,8 @@ class OpenRecordings:
         UnknownFrame
             A frame of `frames` does not exist.
         InvalidArgument
-            `end` before `start`; an offset where nothing moves; two frames would have one name.
+            `end` before `start`; an offset without a moving transform; two frames would have one
+            name.
         """
         return self.rewriters([(self.choice.prefix, self.files)], step, one_tree=one_tree)[0]
 
@@ -383,7 +384,7 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
     if choice.keep is not None:
         if found is None:
             raise InvalidArgument(
-                "keep counts back from the last moving stamp, but no transform moves"
+                "keep counts back from the last moving stamp, but the selection has no moving transform"
             )
         newest = found[1] if last is None else min(last, found[1])
         first = max(newest - choice.keep, 0 if first is None else first)

@@ -62,10 +62,11 @@ class Selection:
         recordings, `"-0.5"` back from the last. These two stamps depend on `exclude`, but not on
         `frames`. Static transforms are always read.
     keep
-        Read only this many seconds before the earlier of `end` and the last moving stamp.
+        Read only the last seconds of the data: this many before the last moving stamp, or before
+        `end` if that is earlier.
     frames
-        Read only the edges on the paths between these frames. In a tree with only one of them:
-        the edges on its path to the root.
+        Read only the edges that connect these frames. If only one of them is in a tree, it is
+        connected to the root.
     exclude
         Frames, topics or publishing nodes to skip; `*` stands for any letters, `?` for one. The
         name of a frame skips all its edges, so the frames below it become a separate tree. `frames`

@@ -46,10 +46,10 @@ __all__ = ["Trajectory"]
 
 
 class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
-    """T[target<-source] over time: N poses at stamps that increase. Immutable.
+    """T[target<-source] over time: N poses at increasing stamps. Immutable.
 
-    `Buffer.trajectory`, `Trajectory.read` and arrays make it. The row of a missing pose is NaN, as
-    with `missing="nan"`. Between the poses it interpolates as a store does.
+    Returned by `Buffer.trajectory` and `Trajectory.read`, or made of arrays. The row of a missing
+    pose is NaN. Between its poses a trajectory interpolates as a store does.
 
     `len(t)` counts poses, `np.asarray(t)` is `t.poses`, `t == other` compares exactly. `t[5]` is a
     `Transform`; `t[10:20]`, a mask or an array of rows is a `Trajectory`. `T[a<-b] @ t` and
@@ -60,13 +60,14 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     target, source
         Frame names: the poses map from `source` into `target`.
     stamps
-        (N,) increasing nanoseconds, or other objects that are stamps.
+        (N,) increasing nanoseconds, or other stamps, such as `datetime` or `numpy.datetime64`.
     poses
         (N, 7) float64: x y z in metres, unit quaternion x y z w.
     translations, rotations
         In place of `poses`: (N, 3), and (N, 4) or a scipy Rotation of length N.
     matrices
-        In place of both: (N, 4, 4) rigid transforms, up to rounding, as `Transform.from_matrix`.
+        In place of both: (N, 4, 4) rigid transforms. Rounding is corrected as in
+        `Transform.from_matrix`.
     repeated
         Value of the property `repeated`.
 
@@ -270,7 +271,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
     @property
     def repeated(self) -> int:
-        """Number of poses that a later one with the same stamp replaced when the file was read."""
+        """Number of poses in the file that a later pose with the same stamp replaced."""
         return self._repeated
 
     @property
@@ -501,7 +502,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Parameters
         ----------
         rate
-            Poses per second, from the first pose to the last that are not missing.
+            Poses per second, from the first to the last pose that is not missing.
         stamps
             In place of the rate: (N,) increasing nanoseconds, such as `other.stamps`.
         policy, missing
@@ -511,7 +512,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         ------
         InvalidArgument
             Neither or both of rate and stamps, or a rate that is not positive.
-        Extrapolation, and what else `at` raises
+        Extrapolation, GapTooLarge, Stale, NoSampleNear
+            As `at` raises them.
 
         Examples
         --------
@@ -568,12 +570,13 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def velocities(self, interval: float = 0.1) -> Twist:
         """Velocity of `source` seen from `target` at each pose, as `lookup_velocity` defines it.
 
-        It is the difference over `interval` around the stamp, shifted into the trajectory.
+        It is computed from the poses at both ends of an interval around the stamp. Near the ends of
+        the trajectory, the interval is shifted to lie within it.
 
         Parameters
         ----------
         interval
-            Seconds over which the difference is taken.
+            Length of the interval in seconds.
 
         Returns
         -------
@@ -584,7 +587,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Raises
         ------
         Extrapolation
-            The trajectory has one pose (`no data`).
+            The trajectory has only one pose.
         InvalidArgument
             The interval is not positive.
 
@@ -643,7 +646,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def merge(self, *others: Trajectory) -> Trajectory:
         """Merge with trajectories of the same frames, sorted by stamp.
 
-        Of several poses at one stamp, that of the last trajectory stays unless it is missing.
+        If several trajectories have a pose at one stamp, the pose of the last one is kept. A
+        missing pose replaces no other.
 
         Raises InvalidArgument for a trajectory of other frames.
 
@@ -694,8 +698,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Text may separate columns by blanks, tabs, commas or semicolons, and may have comments after
         `#` and a header. The header names the columns, as in TUM, EuRoC, `rostopic echo -p`, bagpy
         and PlotJuggler (`timestamp`, `x`, `qw`, `.pose.position.x`). Other columns are ignored.
-        Quaternions that are slightly off unit length are normalised. Of several rows with one
-        stamp, the last is used; `repeated` of the result counts the others.
+        Quaternions that are slightly off unit length are normalised. If several rows have one
+        stamp, the last is used; `repeated` counts the others.
 
         Parameters
         ----------
