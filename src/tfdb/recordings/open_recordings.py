@@ -384,7 +384,8 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
     if choice.keep is not None:
         if found is None:
             raise InvalidArgument(
-                "keep counts back from the last moving stamp, but the selection has no moving transform"
+                "keep counts back from the last moving stamp, but the selection has no moving "
+                "transform"
             )
         newest = found[1] if last is None else min(last, found[1])
         first = max(newest - choice.keep, 0 if first is None else first)
