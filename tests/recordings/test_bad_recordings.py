@@ -42,6 +42,7 @@ def test_no_recording(tmp_path: Path, name: str) -> None:
     refuse(path, "the file is empty")
     path.write_text("This is a text about bags, databases and MCAP files.\n")
     refuse(path, "neither a ROS 1 bag, nor a ROS 2 database (.db3), nor an MCAP file")
+    refuse(path, "a trajectory ends in .tum, .txt, .csv, .npz or .parquet")
     path.write_bytes(b"#ROSBAG V1.2\n")
     refuse(path, "old version 1")
 

@@ -13,7 +13,7 @@ from tfdb._core import to_nanoseconds
 
 from .decimal_time import parse_stamp
 from .errors import InvalidArgument, InvalidStamp
-from .stamps import DATE, MAX_STAMP, format_seconds, shown, stamp
+from .stamps import DATE, format_seconds, shown, stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,9 +87,8 @@ def read_offset(text: str) -> int:
     """Convert a signed duration to nanoseconds. Raises ValueError with a reason."""
     try:
         size = read_length(text[1:] if text.startswith(("+", "-")) else text)
-    except ValueError:
-        most = format_seconds(MAX_STAMP)
-        raise ValueError(f"{text[:40]!r} is not an offset of at most {most}") from None
+    except ValueError as error:
+        raise ValueError(f"{text[:40]!r} is not an offset: {error}") from None
     return -size if text.startswith("-") else size
 
 

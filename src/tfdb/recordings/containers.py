@@ -425,7 +425,11 @@ def kind_of(path: Path) -> Kind:
             raise RecordingError(path, reason.format(name=path.name))
     if path.suffix.lower() in TRAJECTORIES:
         return "trajectory"
-    raise RecordingError(path, "neither a ROS 1 bag, nor a ROS 2 database (.db3), nor an MCAP file")
+    raise RecordingError(
+        path,
+        "neither a ROS 1 bag, nor a ROS 2 database (.db3), nor an MCAP file; the name of a "
+        f"trajectory ends in {', '.join(TRAJECTORIES[:-1])} or {TRAJECTORIES[-1]}",
+    )
 
 
 def prefix_of(source: Source) -> str:

@@ -118,7 +118,7 @@ function connect() {
 async function lost() {
   showLink("down", "no connection");
   state.tries++;
-  if (state.tries === 1 && !state.ending) banner("The connection is lost. The page goes on as soon as tfdb view runs again.");
+  if (state.tries === 1 && !state.ending) banner("The connection is lost. The page continues when tfdb view runs again.");
   const wait = Math.min(500 * 2 ** Math.min(state.tries - 1, 3), 4000);
   setTimeout(connect, wait);
   try {
@@ -587,7 +587,7 @@ function poseOf(answer) {
     line("xyzw", [qx, qy, qz, qw], 4, false),
   ], { className: "numbers" });
   const distance = Math.hypot(x, y, z);
-  const when = answer.stamp === null ? "at all times" : state.at === null && state.hello.live ? "of the newest samples" : "at the stamp";
+  const when = answer.stamp === null ? "at all times" : state.at === null && state.hello.live ? "by the newest samples" : "at the stamp";
   return [make("h2", `in ${state.fixed}`), table, make("p", `${number(distance, 4)} m away, ${when}`, { className: "quiet" })];
 }
 
@@ -617,7 +617,7 @@ function reportOf(answer) {
   if (!moving.length) return [list];
   let words = "age: from the sample to the shown stamp";
   if (isLive && state.facts?.clock) words = "age: from the stamp of the edge's newest sample to now";
-  else if (isLive) words = "age: since the newest sample of all, as stamps are of another clock";
+  else if (isLive) words = "age: to the newest stamp of all edges, because the stamps come from another clock";
   return [list, make("p", words, { className: "quiet" })];
 }
 
