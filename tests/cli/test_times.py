@@ -78,7 +78,7 @@ def test_relative_counts_from_the_start_or_the_end() -> None:
 )
 def test_refused(text: str) -> None:
     with pytest.raises(
-        click.BadParameter, match=rf"^'{re.escape(text.removesuffix('ns'))}' is .*: write"
+        click.BadParameter, match=rf"^'{re.escape(text.removesuffix('ns'))}' is .*; write"
     ):
         parse(text)
 

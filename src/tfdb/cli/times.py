@@ -81,8 +81,8 @@ def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -
     except ValueError as error:
         hint = f"did you mean {text}ns?" if _looks_like_ns(text) else HINT
         if near_names(text, ("latest",), cutoff=0.6):
-            hint = f"did you mean 'latest'? Else {HINT}"
-        raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
+            hint = f"did you mean 'latest'? Otherwise {HINT}"
+        raise click.BadParameter(f"{error}; {hint}", ctx, param) from None
 
 
 def _looks_like_ns(text: str) -> bool:
@@ -109,7 +109,7 @@ def _length_option(
         return read(value.strip())
     except ValueError as error:
         hint = "write seconds (0.5) or nanoseconds (500000000ns)"
-        raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
+        raise click.BadParameter(f"{error}; {hint}", ctx, param) from None
 
 
 def read_stamps(text: str, name: str) -> list[int]:
