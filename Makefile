@@ -27,8 +27,8 @@ FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$
 ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
-        torture histories faults relacy proof ros2 docs wheel wheels stubs format clean distclean
+.PHONY: help demo test test-cpp test-python check measure bench-rooms tsan tsan-engines asan \
+        asan-python fuzz torture histories faults relacy proof ros2 docs wheel wheels stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -117,6 +117,9 @@ tsan: $(STAMPS)/venv
 	$(CMAKE) --preset tsan >/dev/null
 	$(CMAKE) --build --preset tsan -j $(JOBS) --target tfdb_tests
 	$(UNDER_TSAN) $(ONE_SEED) $(FIXED_ADDRESSES) build/tsan/bin/tfdb_tests
+
+# Tests of the store in each research engine. `make tsan` runs those of the engines themselves.
+tsan-engines: tsan
 	cd build/tsan && $(UNDER_TSAN) \
 	    $(FIXED_ADDRESSES) ../../$(BIN)/ctest -R tfdb_tests_ -E 'portable|v3' --output-on-failure
 
@@ -139,7 +142,7 @@ asan-python: $(STAMPS)/dev
 # What `make test` walks with one preemption where a walk is long is walked to its end here, and what
 # `make check` leaves out is checked.
 proof: TIDY := --all
-proof: $(STAMPS)/venv check relacy histories torture
+proof: $(STAMPS)/venv check relacy tsan-engines histories torture
 	$(CMAKE) --preset dev >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS) --target tfdb_sched
 	build/dev/bin/tfdb_sched --all

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "tfdb/history/edge_fixture.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb::history {
 namespace {
@@ -45,7 +46,7 @@ void drive(const Mix& mix, unsigned seed) {
         edge.hand_in_together();
     std::vector<StampNs> past{90'000};
     StampNs now = 100'000;
-    for (int i = 0; i < 400; ++i) {
+    for (int i = 0; i < testing::rounds(400); ++i) {
         now += mix.step;
         std::vector<StampNs> stamps(1 + random() % mix.batch);
         for (StampNs& stamp : stamps) {
@@ -151,7 +152,7 @@ TFDB_TEST(edge_figures_are_right_whatever_comes_late) {
         for (std::size_t i = 0; i < stamps.size(); ++i)
             stamps[i] = static_cast<StampNs>(1000 * i + random() % 900);
         edge.commit(stamps);
-        for (int i = 0; i < 150; ++i) {
+        for (int i = 0; i < testing::rounds(150); ++i) {
             std::vector<StampNs> more(1 + random() % (i % 10 == 0 ? 400 : 3));
             for (StampNs& stamp : more) {
                 stamp = static_cast<StampNs>(6'000'000 + random() % 14'500'000);

@@ -7,7 +7,7 @@
 
 #include "tfdb/store/fixture.hpp"
 
-#if TFDB_COUNTS_ALLOCATIONS
+#if !TFDB_SANITIZED
 
 namespace tfdb::allocation {
 thread_local long count = 0;

@@ -2,16 +2,7 @@
 // program's own (allocation.test.cpp), and is left out under sanitizers, which bring theirs.
 #pragma once
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define TFDB_COUNTS_ALLOCATIONS 0
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define TFDB_COUNTS_ALLOCATIONS 0
-#endif
-#endif
-#ifndef TFDB_COUNTS_ALLOCATIONS
-#define TFDB_COUNTS_ALLOCATIONS 1
-#endif
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb::allocation {
 

@@ -9,7 +9,7 @@
 #include "tfdb/store/fixture.hpp"
 #include "tfdb/store/transaction.hpp"
 
-#if TFDB_COUNTS_ALLOCATIONS
+#if !TFDB_SANITIZED
 
 namespace tfdb {
 namespace {

@@ -4,6 +4,7 @@
 #include <thread>
 
 #include "tfdb/store/transaction_fixture.test.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
@@ -342,8 +343,8 @@ TFDB_TEST(changes_go_on_from_the_commit_that_the_error_names) {
             set(buffer, "map", "base", stamp, pose_of(2));
     });
     // If it resumes at the oldest commit, the feed overruns it again, thousands of times.
-    constexpr CommitNumber kEnough = 300'000;
-    constexpr int kMostLaps = 3'000;
+    constexpr CommitNumber kEnough = testing::rounds(300'000);
+    constexpr int kMostLaps = testing::rounds(3'000);
     CommitNumber seen = 0;
     CommitNumber followed = 0;
     int laps = 0;

@@ -6,27 +6,15 @@
 #include <thread>
 
 #include "tfdb/store/fixture.hpp"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define TFDB_SMALL_CHURN 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define TFDB_SMALL_CHURN 1
-#endif
-#endif
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
 
 using namespace fixture;
 
-#ifdef TFDB_SMALL_CHURN
-constexpr std::size_t kVisitors = 5000;
-constexpr std::size_t kCarts = 1000;
-#else
-constexpr std::size_t kVisitors = 100'000;
-constexpr std::size_t kCarts = 10'000;
-#endif
+constexpr std::size_t kVisitors = testing::kSanitized ? 5000 : 100'000;
+constexpr std::size_t kCarts = testing::kSanitized ? 1000 : 10'000;
 constexpr int kRounds = 4;
 constexpr unsigned kSeed = 11;
 

@@ -30,6 +30,7 @@
 #include "tfdb/store/fixture.hpp"
 #include "tfdb/store/store.hpp"
 #include "tfdb/testing/options.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
@@ -38,16 +39,9 @@ constexpr std::size_t kBytes = std::size_t{16} << 20;
 constexpr std::uint32_t kFrames = 200;
 constexpr unsigned kMostSeconds = 60;  // of the clock: nothing waits for long
 constexpr int kRounds = 3;             // of reading while it is damaged
-#if defined(__SANITIZE_ADDRESS__)
-constexpr bool kSanitized = true;
-#elif defined(__has_feature)
-constexpr bool kSanitized = __has_feature(address_sanitizer);
-#else
-constexpr bool kSanitized = false;
-#endif
-constexpr rlim_t kMostCpuSeconds = kSanitized ? 50 : 10;
+constexpr rlim_t kMostCpuSeconds = testing::kSanitized ? 50 : 10;
 // A sanitizer has its own, and ends the process where it says so.
-constexpr rlim_t kMostAddresses = kSanitized ? RLIM_INFINITY : rlim_t{8} << 30;
+constexpr rlim_t kMostAddresses = testing::kSanitized ? RLIM_INFINITY : rlim_t{8} << 30;
 
 /// What a child does. A writing child may find that another one died.
 enum class Role : std::uint8_t { kReads, kReadsOn, kWrites, kRepairs };

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "tfdb/store/fixture.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
@@ -375,7 +376,7 @@ TFDB_TEST(frozen_store_that_is_damaged_ends_nobody) {
     const std::size_t count = Buffer::open_frozen(file).frozen()->size / 8;
     const int opened = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
     constexpr std::size_t kFront = 2048;  // words that are compared with their checksum
-    for (int round = 0; round < 80; ++round) {
+    for (int round = 0; round < testing::rounds(80); ++round) {
         // Most of them in names, directories and the first segments.
         const std::size_t among = round % 4 == 0 ? count - kFront : 600;
         const auto at = static_cast<off_t>(8 * (kFront + random() % among));

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "tfdb/store/transaction_fixture.test.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
@@ -117,7 +118,7 @@ TFDB_TEST(memory_of_an_edge_whose_clear_was_taken_back_is_that_of_its_snapshots)
 
 TFDB_TEST(memory_of_a_bounded_history_is_bounded_where_samples_come_late) {
     static constexpr StampNs kHistory = 1'000;
-    static constexpr StampNs kWrites = 40'000;
+    static constexpr StampNs kWrites = testing::rounds(40'000);
     const auto check = [](const char* pattern, StampNs now, auto stamp_of) {
         Buffer buffer(keeping(kHistory));
         std::size_t most = 0;
@@ -212,7 +213,8 @@ TFDB_TEST(memory_of_a_snapshot_is_not_spent_on_late_samples) {
 /// For any overlap, the memory for snapshots stays within 1.1 times the limit.
 TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
     constexpr StampNs kHistory = 2'000;
-    constexpr std::size_t kBound = 8 * kMiB;
+    constexpr StampNs kWrites = testing::rounds(240'000);
+    constexpr std::size_t kBound = testing::rounds(8 * kMiB);
     enum class Pattern { kInOrder, kLate, kClears, kFrames, kSameStamp, kStatic };
     for (const Pattern pattern : {Pattern::kInOrder, Pattern::kLate, Pattern::kClears,
                                   Pattern::kFrames, Pattern::kSameStamp, Pattern::kStatic}) {
@@ -223,7 +225,7 @@ TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
             Buffer buffer(options);
             std::deque<Snapshot> held;
             std::size_t most = 0;
-            for (StampNs k = 0; k < 240'000; ++k) {
+            for (StampNs k = 0; k < kWrites; ++k) {
                 if (pattern == Pattern::kStatic)
                     set_static(buffer, "map", "fixed", pose_of(static_cast<double>(k)));
                 else

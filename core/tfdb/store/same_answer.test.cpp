@@ -11,6 +11,7 @@
 #include "tfdb/store/fixture.hpp"
 #include "tfdb/store/rows.hpp"
 #include "tfdb/store/transaction.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
@@ -521,7 +522,7 @@ TFDB_TEST(what_a_held_snapshot_answers_stays_what_it_is) {
     Tally tally;
     for (unsigned seed = 101; seed <= 100 + seeds(); ++seed) {
         World world(seed, std::nullopt);
-        for (int round = 0; round < 60; ++round) {
+        for (int round = 0; round < testing::rounds(60); ++round) {
             for (int i = 0; i < 150; ++i)
                 world.step();
             world.check_held(tally);
@@ -532,7 +533,7 @@ TFDB_TEST(what_a_held_snapshot_answers_stays_what_it_is) {
         }
     }
     std::printf("  seeds 101 to %u: %zu rows\n", 100 + seeds(), tally.rows);
-    CHECK(tally.rows > 50'000 * seeds());
+    CHECK(tally.rows > testing::rounds(50'000) * seeds());
 }
 
 }  // namespace tfdb

@@ -10,6 +10,7 @@
 
 #include "tfdb/base/interruption.hpp"
 #include "tfdb/store/transaction_fixture.test.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
@@ -350,7 +351,7 @@ private:
 TFDB_TEST(the_waits_that_end_are_those_that_have_an_answer) {
     if (skipped())
         return;
-    constexpr int kCommits = 1000;
+    constexpr int kCommits = testing::rounds(1000);
     long told = 0;
     for (unsigned seed = 1; seed <= 4; ++seed) {
         Buffer buffer(keeping(400));
@@ -384,7 +385,7 @@ TFDB_TEST(the_waits_that_end_are_those_that_have_an_answer) {
             }
         }
     }
-    CHECK(told > 100);
+    CHECK(told > testing::rounds(100));
 }
 
 /// Threads wait, with or without a timeout, beside one writer. In the end no remaining wait has a

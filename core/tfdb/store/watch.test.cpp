@@ -13,6 +13,7 @@
 
 #include "tfdb/base/interruption.hpp"
 #include "tfdb/store/transaction_fixture.test.hpp"
+#include "tfdb/testing/sanitized.hpp"
 
 namespace tfdb {
 namespace {
@@ -345,7 +346,7 @@ TFDB_TEST(a_watch_counts_every_commit_of_a_path_with_several_parents) {
 TFDB_TEST(a_watch_agrees_with_changes_and_the_state_of_each_commit) {
     if (skipped())
         return;
-    constexpr unsigned kSeeds = 30;
+    constexpr unsigned kSeeds = testing::rounds(30);
     constexpr int kCommits = 300;
     std::printf("  seeds 1..%u\n", kSeeds);
     std::size_t touches = 0;
@@ -385,8 +386,8 @@ TFDB_TEST(a_watch_agrees_with_changes_and_the_state_of_each_commit) {
         CHECK(oracle.agrees(touched(*buffer.watch(kAll), 0), 1, false));
         touches += oracle.touches();
     }
-    CHECK(touches > 10'000);
-    CHECK(same > 10'000);
+    CHECK(touches > testing::rounds(10'000));
+    CHECK(same > testing::rounds(10'000));
 }
 
 /// Three threads follow, two of them with one watch; no state is held. The writer notes the effect

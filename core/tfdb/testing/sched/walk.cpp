@@ -41,7 +41,7 @@ void print(const std::string& name, const Outcome& outcome, const std::string& v
 
 // Explores as far as to_the_end() requires; `options` become those of the walk.
 Outcome Walk::explore_in_time(const Program& program, Options& options) {
-    constexpr std::uint64_t kShort = 50'000;
+    constexpr std::uint64_t kShort = 10'000;
     const std::uint64_t limit = options.max_executions;
     if (to_the_end() || limit < kShort)
         return explore(program, options);
