@@ -144,7 +144,7 @@ std::string described(const RigidFault& fault, std::span<const double, 16> matri
             return "it contains " + by;
         case RigidFault::kLastRow:
             return "its last row must be 0 0 0 1, but differs by " + by +
-                   (matrix[3] == 0.0 && matrix[7] == 0.0 && matrix[11] == 0.0
+                   (matrix[15] == 1.0 && matrix[3] == 0.0 && matrix[7] == 0.0 && matrix[11] == 0.0
                         ? "; transpose the matrix if it is in row-vector convention"
                         : "");
         case RigidFault::kReflection:

@@ -190,6 +190,7 @@ BAD: list[tuple[Matrix, str]] = [
     (GOOD @ (np.eye(4) + 0.1 * np.eye(4, k=1) * [[1], [0], [0], [0]]), r"error is 0\.0995"),
     (changed(r3c3=2.0), r"its last row must be 0 0 0 1, but differs by 1$"),
     (GOOD.T, r"its last row must be 0 0 0 1, .*transpose the matrix"),
+    (2 * np.eye(4), r"its last row must be 0 0 0 1, but differs by 1$"),
     (changed(r1c1=np.nan), r"it contains nan"),
     (changed(r0c3=np.inf), r"it contains inf"),
 ]

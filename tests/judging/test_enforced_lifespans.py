@@ -185,15 +185,19 @@ def test_an_awaited_transform_goes_on_until_the_next_sample(robot: tfdb.Buffer) 
 
 def test_processes_do_not_share_it(robot: tfdb.Buffer) -> None:
     installed = robot.expect("odom", "base", lifespan=0.5, enforce=True)
+    told, tell = os.pipe()
     pid = os.fork()
     if pid == 0:
-        ended = 1
         try:
             robot.lookup_transform("map", "camera")
-            ended = 0
+        except BaseException as error:
+            os.write(tell, repr(error).encode())
         finally:
-            os._exit(ended)
-    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+            os._exit(0)
+    os.close(tell)
+    with os.fdopen(told, "rb") as pipe:
+        assert pipe.read() == b""
+    os.waitpid(pid, 0)
     with pytest.raises(Stale):
         robot.lookup_transform("map", "camera")
     installed.remove()

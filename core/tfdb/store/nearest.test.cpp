@@ -111,6 +111,8 @@ TFDB_TEST(errors_ask_whether_an_offset_was_meant) {
     CHECK(says(12 * kSecond + kSecond / 2,
                "; stamps are absolute: 12.500000000 s after its first sample is "
                "1700000012.500000000 s"));
+    CHECK(says(12, "absolute: 12.000000000 s after its first sample is 1700000012.000000000 s"));
+    CHECK(says(60, "absolute: 0.000000060 s after its first sample is 1700000000.000000060 s"));
     CHECK(!says(60 * kSecond, "absolute"));
     CHECK(!says(1'699'999'990 * kSecond, "absolute"));
     CHECK(says(1'700'000'010, "looks like seconds"));

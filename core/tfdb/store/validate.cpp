@@ -203,9 +203,14 @@ std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest) {
     if (stamp < oldest && stamp <= kMostSeconds && (stamp + 1) * kSecond > oldest &&
         stamp * kSecond <= newest + kDay * kSecond)
         return "; stamps are nanoseconds, " + std::to_string(stamp) + " looks like seconds";
-    if (stamp > 0 && stamp <= newest - oldest && oldest - stamp > newest - oldest)
-        return "; stamps are absolute: " + seconds(stamp) + " after its first sample is " +
-               seconds(oldest + stamp);
+    if (stamp > 0 && stamp <= newest - oldest && oldest - stamp > newest - oldest) {
+        // A number this small is in seconds, if the data are as long.
+        constexpr StampNs kMillisecond = 1'000'000;
+        const bool is_seconds = stamp < kMillisecond && stamp <= (newest - oldest) / kSecond;
+        const StampNs after = is_seconds ? stamp * kSecond : stamp;
+        return "; stamps are absolute: " + seconds(after) + " after its first sample is " +
+               seconds(oldest + after);
+    }
     const StampNs whole = stamp / kSecond;
     if (stamp > newest && newest > 0 && whole > 0 && std::abs(whole - newest) <= kDay)
         return "; stamps are nanoseconds, those of this edge look like seconds";

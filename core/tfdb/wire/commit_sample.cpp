@@ -318,10 +318,11 @@ private:
 
     void read_head() {
         if (end_ < kHeadBytes + kSumBytes)
-            refuse(end_, "a sample has at least " + std::to_string(kHeadBytes + kSumBytes) +
-                             " bytes, this one " + std::to_string(end_));
+            refuse(end_, "commits and states have at least " +
+                             std::to_string(kHeadBytes + kSumBytes) + " bytes, these are " +
+                             std::to_string(end_));
         if (!std::equal(kMagic.begin(), kMagic.end(), data_.begin()))
-            refuse(0, "a sample begins with the letters TFDB");
+            refuse(0, "commits and states begin with the letters TFDB");
         if (const auto version = byte_at(4); version != kVersion)
             refuse(4, "version " + std::to_string(version) + ": this program reads version " +
                           std::to_string(kVersion));

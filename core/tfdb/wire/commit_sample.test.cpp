@@ -254,7 +254,7 @@ TFDB_TEST(commit_samples_with_a_bad_head_name_the_byte) {
     const Bytes sound = sample_of(1, {0, 0, 0, 0, 0});
     CommitSample sample;
     sample.decode(sound);
-    check_refused(Bytes(kHead + 3), kHead + 3, "a sample has at least 40 bytes, this one 39");
+    check_refused(Bytes(kHead + 3), kHead + 3, "commits and states have at least 40 bytes, these are 39");
     struct Case {
         std::size_t at;
         unsigned byte;
@@ -262,7 +262,7 @@ TFDB_TEST(commit_samples_with_a_bad_head_name_the_byte) {
         const char* text;
     };
     const Case cases[] = {
-        {3, 'C', 0, "begins with the letters TFDB"},
+        {3, 'C', 0, "begin with the letters TFDB"},
         {4, 1, 4, "version 1: this program reads version 0"},
         {5, 0, 5, "kind 0: commits are 1, a state 2"},
         {5, 3, 5, "kind 3"},
