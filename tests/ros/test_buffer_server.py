@@ -380,7 +380,7 @@ def test_arguments_of_the_client(node: TcprosNode, caplog: pytest.LogCaptureFixt
         tf2.BufferServer(tf2.Buffer(flavor="ros1"), "", node=node)
     with pytest.raises(tf2.InvalidArgumentException, match=nameless):
         tf2.BufferClient(node, "")
-    with pytest.raises(TypeError, match=r"buffer must be a tfdb\.tf2\.Buffer, or have set_transform"):
+    with pytest.raises(TypeError, match=r"must be a tfdb\.tf2\.Buffer, or have set_transform"):
         tf2.TransformListener(3, node)
 
 
