@@ -6,6 +6,7 @@ CI=true they fail.
 
 from __future__ import annotations
 
+import atexit
 import importlib.util
 import os
 import socket
@@ -45,6 +46,7 @@ def _domain() -> tuple[int, socket.socket]:
         except OSError:
             lock.close()
         else:
+            atexit.register(lock.close)
             return domain, lock
     raise AssertionError("each of the 100 ROS domains is taken")
 
