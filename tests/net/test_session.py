@@ -380,6 +380,31 @@ print("end")
     assert (done.stdout, done.stderr) == ("end\n", "")
 
 
+def test_a_process_ends_after_its_session_was_closed_before_its_homes() -> None:
+    code = """
+import sys, threading, time, tfdb
+session = tfdb.net.Session(listen=sys.argv[1])
+source = tfdb.Buffer()
+homes = [tfdb.net.publish(source, f"robot{i}", session=session) for i in range(10)]
+mirrors = [tfdb.net.mirror(each.name, into=tfdb.Buffer(), session=session) for each in homes]
+for mirror in mirrors:
+    mirror.wait_until_live(10)
+def write():
+    while True:
+        source.set_transform("map", "base", source.commit, (1, 2, 3), (0, 0, 0, 1))
+        time.sleep(0.001)
+threading.Thread(target=write, daemon=True).start()
+while mirrors[0].stats.commits < 10:
+    pass
+session.close()
+print("end")
+"""
+    for _ in range(10):
+        command = [sys.executable, "-c", code, free_endpoint()]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LONGEST)
+        assert (done.returncode, done.stdout) == (0, "end\n"), done.stderr
+
+
 def test_a_mirror_has_one_thread() -> None:
     with tfdb.net.Session(listen=free_endpoint()) as session:
         before = set(threading.enumerate())

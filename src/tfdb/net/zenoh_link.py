@@ -152,10 +152,11 @@ class ZenohLink:
         self._pool = ThreadPoolExecutor(_ANSWERS, "tfdb answers")
         self._waiting = threading.Semaphore(_ANSWERS + _MOST_QUESTIONS)
         self._handlers: set[threading.Event] = set()
+        self._kept: set[_Declared] = set()
         self._calls, self._running = threading.Condition(), 0
         self._is_ending = False
         self._process = os.getpid()
-        _OPEN.add(self)
+        _LINKS.add(self)
 
     def send(self, name: str) -> tuple[Callable[[bytes], None], Declared]:
         """See `Link`."""
@@ -174,7 +175,8 @@ class ZenohLink:
         def heard(sample: zenoh.Sample) -> None:
             take(sample.payload.to_bytes())
 
-        return self._declared(self._data.declare_subscriber(log_key(name), self._direct(heard)))
+        declare = self._data.declare_subscriber
+        return self._declared(self._call(declare, log_key(name), self._direct(heard)))
 
     def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
         """See `Link`."""
@@ -243,12 +245,15 @@ class ZenohLink:
         for role in _ROLES:
             # Zenoh reports a token to a session once, so a subscriber in this session may receive
             # it instead.
-            replies: Any = self._data.liveliness().get(tokens_key(name, role), timeout=_PATIENCE)
-            for sample in [reply.ok for reply in replies if reply.ok is not None]:
-                token = _token(sample)
+            for reply in self._call(self._replies, tokens_key(name, role)) or ():
+                token = None if reply.ok is None else _token(reply.ok)
                 if token is not None:
-                    found.append((name_of(str(sample.key_expr)), token))
+                    found.append((name_of(str(reply.ok.key_expr)), token))
         return found
+
+    def _replies(self, key: str) -> list[Any]:
+        replies: Any = self._data.liveliness().get(key, timeout=_PATIENCE)
+        return list(replies)
 
     def report(self, name: str, role: Role, status: Callable[[], bytes]) -> Declared:
         """See `Link`."""
@@ -285,7 +290,9 @@ class ZenohLink:
         return list(found)
 
     def _declared(self, *parts: Declared | None) -> _Declared:
-        return _Declared(self._call, *filter(None, parts))
+        made = _Declared(self._call, self._kept, *filter(None, parts))
+        self._kept.add(made)
+        return made
 
     def _direct(self, call: Callable[[Any], None]) -> Any:
         """Let Zenoh's own threads make the calls; otherwise each handler would have a thread."""
@@ -312,7 +319,10 @@ class ZenohLink:
                 self._calls.notify_all()
 
     def end(self) -> None:
-        """Close the link at the end of the process; homes and mirrors may still use it."""
+        """End the calls and close the link at the end of the process.
+
+        Homes and mirrors may still use it, even if it was closed before.
+        """
         with self._calls:
             self._is_ending = True
             self._calls.wait_for(lambda: not self._running, _LAST_CALLS)
@@ -322,7 +332,6 @@ class ZenohLink:
         """See `Link`."""
         if os.getpid() != self._process:
             return  # a child of `fork` has no threads of Zenoh, so this would never end
-        _OPEN.discard(self)
         _close(self._tokens)
         _close(self._data)
         # A thread of Zenoh that waits for the GIL when Python ends would abort the process.
@@ -332,11 +341,14 @@ class ZenohLink:
         self._pool.shutdown()
 
 
-_OPEN: weakref.WeakSet[ZenohLink] = weakref.WeakSet()
+_LINKS: weakref.WeakSet[ZenohLink] = weakref.WeakSet()
+_ENDED: list[ZenohLink] = []
+"""Links kept until the main thread frees them: another thread that frees a part would abort."""
 
 
 def _close_all() -> None:
-    for link in list(_OPEN):
+    _ENDED.extend(_LINKS)
+    for link in _ENDED:
         link.end()
 
 
@@ -351,13 +363,17 @@ def _token(sample: zenoh.Sample) -> Token | None:
 
 
 class _Declared:
-    """A declaration of Zenoh."""
+    """A declaration of Zenoh. The link keeps it until it has ended."""
 
-    def __init__(self, call: Callable[..., Any], *parts: Declared) -> None:
-        self._call, self._parts = call, parts
+    def __init__(self, call: Callable[..., Any], kept: set[_Declared], *parts: Declared) -> None:
+        self._call, self._kept, self._parts = call, kept, list(parts)
 
     def undeclare(self) -> None:
         """End it."""
-        for each in self._parts:
+        self._call(self._end)
+
+    def _end(self) -> None:
+        while self._parts:
             with suppress(zenoh.ZError):  # the session was closed before
-                self._call(each.undeclare)
+                self._parts.pop(0).undeclare()
+        self._kept.discard(self)
