@@ -82,13 +82,10 @@ test: test-cpp test-python
 test-cpp: $(STAMPS)/venv
 	$(CMAKE) --preset dev >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS)
-	build/dev/bin/tfdb_tests
-	cd build/dev && ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
-	build/dev/bin/tfdb_sched
+	cd build/dev && ../../$(BIN)/ctest -E torture -j $(JOBS) --output-on-failure
 	build/dev/bin/torture_store_shared --seconds $(KILL_SECONDS)
 	build/dev/bin/torture_store_apply --seconds 3
 	build/dev/bin/torture_store_damage --seconds 6
-	build/dev/bin/tfdb_driver_tests
 
 test-python: $(STAMPS)/dev
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --max-worker-restart 0 $(PYTEST)
