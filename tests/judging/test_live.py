@@ -726,3 +726,16 @@ def test_a_look_at_each_time_that_is_due_finds_every_event(seed: int) -> None:
             assert events
             assert {event.time for event in events} == {due}
         judge.feed(rows_of(judge, [each]))
+
+
+def test_a_deadline_is_missed_by_a_clock_that_runs_fast() -> None:
+    buf = tfdb.Buffer()
+    buf.clock.seek(1000 * S)
+    buf.clock.speed = 10.0
+    with buf.events() as events, buf.expect("odom", "base", deadline=0.2):
+        for _ in range(50):
+            buf.set_transform("odom", "base", buf.clock.now(), (0, 0, 0), (0, 0, 0, 1))
+            buf.clock.sleep(0.4)
+        buf.expectations.drain()
+        kinds = [each.kind for each in iter(events.read_next, None) if not each.begins]
+    assert "deadline" in kinds

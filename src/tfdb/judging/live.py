@@ -112,11 +112,12 @@ class LiveJudge:
         if due is None:
             return self._follower.read(until)
         now, clock = time.monotonic(), self._live.clock
-        if clock is None or not clock.is_system:
+        if clock is None or clock.paused:
             return self._follower.read(min(until, now + LOOK))
-        left = max(due - clock.now(), 0) / NS
+        left = max(due - clock.now(), 0) / NS / clock.speed
+        longest = _LONGEST if clock.is_system else LOOK
         return self._follower.read(
-            min(until, now + min(left + _PAST, _LONGEST)), now + left - _EARLY
+            min(until, now + min(left + _PAST, longest)), now + left - _EARLY
         )
 
     def take(
