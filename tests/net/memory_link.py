@@ -47,7 +47,7 @@ class MemoryLink:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        self.is_cut = False
+        self.is_cut = self.closed = False
         self.declared: dict[str, list[Any]] = defaultdict(list)
 
     def reached(self) -> list[MemoryLink]:
@@ -145,6 +145,7 @@ class MemoryLink:
 
     def close(self) -> None:
         """See `Link`."""
+        self.closed = True
         self.declared.clear()
 
 

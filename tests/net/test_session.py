@@ -442,6 +442,14 @@ with (
     assert done.stdout.split() == ["child", "0", "3"]
 
 
+def test_a_mirror_of_a_closed_session_is_not_promoted() -> None:
+    with tfdb.net.Session(listen=free_endpoint()) as session:
+        mirror = tfdb.net.mirror(NAME, into=tfdb.Buffer(), session=session)
+    with pytest.raises(tfdb.InvalidArgument, match="cannot be promoted: its session is closed"):
+        mirror.promote(force=True)
+    mirror.close()
+
+
 def test_a_session_that_is_closed_first_ends_its_home() -> None:
     source = tfdb.Buffer()
     session = tfdb.net.Session(listen=free_endpoint())

@@ -133,5 +133,9 @@ class Link(Protocol):
         `name` may be `ALL`.
         """
 
+    @property
+    def closed(self) -> bool:
+        """Whether it has ended."""
+
     def close(self) -> None:
         """End it."""

@@ -219,8 +219,8 @@ class Mirror(Closable):
         Raises
         ------
         InvalidArgument
-            It was never live; it has a prefix or shared frames; its store has other sources; it is
-            closed; or the file of `keep_lost` exists.
+            It was never live; it has a prefix or shared frames; its store has other sources; it or
+            its session is closed; or the file of `keep_lost` exists.
         OSError
             The file of `keep_lost` cannot be written.
         """
@@ -249,6 +249,8 @@ class Mirror(Closable):
         text = f"the mirror of {self._name!r} cannot be promoted: "
         if self._is_closing or self._error is not None:
             raise InvalidArgument(f"{text}it is {self.state}")
+        if self._link.closed:
+            raise InvalidArgument(f"{text}its session is closed")
         if not self._is_whole:
             raise InvalidArgument(f"{text}its frame names differ from the home's")
         if others := [

@@ -328,6 +328,11 @@ class ZenohLink:
             self._calls.wait_for(lambda: not self._running, _LAST_CALLS)
         self.close()
 
+    @property
+    def closed(self) -> bool:
+        """See `Link`."""
+        return bool(self._data.is_closed())
+
     def close(self) -> None:
         """See `Link`."""
         if os.getpid() != self._process:
