@@ -254,7 +254,8 @@ TFDB_TEST(commit_samples_with_a_bad_head_name_the_byte) {
     const Bytes sound = sample_of(1, {0, 0, 0, 0, 0});
     CommitSample sample;
     sample.decode(sound);
-    check_refused(Bytes(kHead + 3), kHead + 3, "commits and states have at least 40 bytes, these are 39");
+    check_refused(Bytes(kHead + 3), kHead + 3,
+                  "commits and states have at least 40 bytes, these are 39");
     struct Case {
         std::size_t at;
         unsigned byte;
