@@ -455,8 +455,9 @@ def test_a_session_that_is_closed_first_ends_its_home() -> None:
     session = tfdb.net.Session(listen=free_endpoint())
     with tfdb.net.publish(source, NAME, session=session) as home, home.events() as events:
         session.close()
-        assert "session closed" in wait_for(events, "ended").text
+        assert "the session is closed: make another" in wait_for(events, "ended").text
         assert home.state == "ended"
+        assert isinstance(home.error, tfdb.InvalidArgument)
 
 
 def test_nothing_listens_unless_asked() -> None:

@@ -306,13 +306,20 @@ class ZenohLink:
         return zenoh.handlers.Callback(call, finish, indirect=False)
 
     def _call(self, call: Callable[..., Any], *values: Any, **options: Any) -> Any:
-        """Call Zenoh, but not at the end of the process: a returning thread would abort it."""
+        """Call Zenoh, but not at the end of the process: a returning thread would abort it.
+
+        Raises InvalidArgument if the link is closed.
+        """
         with self._calls:
             if self._is_ending:
                 return None
             self._running += 1
         try:
             return call(*values, **options)
+        except zenoh.ZError as error:
+            if self.closed:
+                raise InvalidArgument("the session is closed: make another") from error
+            raise
         finally:
             with self._calls:
                 self._running -= 1
