@@ -183,8 +183,8 @@ def test_an_awaited_transform_goes_on_until_the_next_sample(robot: tfdb.Buffer) 
         assert asyncio.run(ask()).stamp == START
 
 
-def test_processes_do_not_share_it(robot: tfdb.Buffer) -> None:
-    installed = robot.expect("odom", "base", lifespan=0.5, enforce=True)
+def error_in_child(robot: tfdb.Buffer) -> bytes:
+    """Look up in a forked child; return its error as text, which is empty without one."""
     told, tell = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -196,11 +196,25 @@ def test_processes_do_not_share_it(robot: tfdb.Buffer) -> None:
             os._exit(0)
     os.close(tell)
     with os.fdopen(told, "rb") as pipe:
-        assert pipe.read() == b""
+        text = pipe.read()
     os.waitpid(pid, 0)
+    return text
+
+
+def test_processes_do_not_share_it(robot: tfdb.Buffer) -> None:
+    installed = robot.expect("odom", "base", lifespan=0.5, enforce=True)
+    assert error_in_child(robot) == b""
     with pytest.raises(Stale):
         robot.lookup_transform("map", "camera")
     installed.remove()
+
+
+def test_a_child_forgets_it_beside_buffers_without_init(robot: tfdb.Buffer) -> None:
+    """They have no store. The order of buffers in a child is that of a set."""
+    blank = [tfdb.Buffer.__new__(tfdb.Buffer).expectations for _ in range(20)]
+    with robot.expect("odom", "base", lifespan=0.5, enforce=True):
+        assert error_in_child(robot) == b""
+    assert all(len(each) == 0 for each in blank)
 
 
 def test_an_impossible_enforcement_is_refused(robot: tfdb.Buffer) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
@@ -44,10 +43,6 @@ class BufferExpectations:
 
     def __repr__(self) -> str:
         return f"<tfdb.judging.BufferExpectations: {len(self)} installed>"
-
-    def _abandon(self) -> None:
-        watcher, self._watcher = self._watcher, Watcher(self._buffer)
-        watcher.abandon()
 
     @property
     def active(self) -> list[Event]:
@@ -144,9 +139,9 @@ _all: WeakSet[BufferExpectations] = WeakSet()
 
 
 def _forget_parent() -> None:
-    with ExitStack() as stack:  # an error of one leaves none of the others
-        for each in list(_all):
-            stack.callback(each._abandon)
+    for each in list(_all):
+        each._watcher.abandon()
+        each._watcher = Watcher(each._buffer)
 
 
 os.register_at_fork(after_in_child=_forget_parent)

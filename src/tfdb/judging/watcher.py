@@ -192,10 +192,11 @@ class Watcher:
 
     def abandon(self) -> None:
         """Forget all in a child of fork, whose threads are gone."""
-        for installed in self.installed:
-            installed._remove = None
-        self.installed = []
-        self._enforce()
+        if self.installed:  # so the buffer has a store
+            for installed in self.installed:
+                installed._remove = None
+            self.installed = []
+            self._enforce()
         for stream in list(self._streams):
             stream._abandon()
 
