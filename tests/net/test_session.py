@@ -357,8 +357,7 @@ def test_endpoints_that_are_valid() -> None:
     assert check_endpoints("connect", valid, valid[0]) == valid
 
 
-def test_a_process_ends_that_closes_nothing() -> None:
-    code = """
+BUSY = """
 import sys, threading, time, tfdb
 session = tfdb.net.Session(listen=sys.argv[1])
 source = tfdb.Buffer()
@@ -373,32 +372,19 @@ def write():
 threading.Thread(target=write, daemon=True).start()
 while mirrors[0].stats.commits < 10:
     pass
-print("end")
 """
+"""A program with ten homes and mirrors, and a thread that writes. Its argument is an endpoint."""
+
+
+def test_a_process_ends_that_closes_nothing() -> None:
+    code = f'{BUSY}print("end")'
     command = [sys.executable, "-c", code, free_endpoint()]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LONGEST)
     assert (done.stdout, done.stderr) == ("end\n", "")
 
 
 def test_a_process_ends_after_its_session_was_closed_before_its_homes() -> None:
-    code = """
-import sys, threading, time, tfdb
-session = tfdb.net.Session(listen=sys.argv[1])
-source = tfdb.Buffer()
-homes = [tfdb.net.publish(source, f"robot{i}", session=session) for i in range(10)]
-mirrors = [tfdb.net.mirror(each.name, into=tfdb.Buffer(), session=session) for each in homes]
-for mirror in mirrors:
-    mirror.wait_until_live(10)
-def write():
-    while True:
-        source.set_transform("map", "base", source.commit, (1, 2, 3), (0, 0, 0, 1))
-        time.sleep(0.001)
-threading.Thread(target=write, daemon=True).start()
-while mirrors[0].stats.commits < 10:
-    pass
-session.close()
-print("end")
-"""
+    code = f'{BUSY}session.close()\nprint("end")'
     for _ in range(10):
         command = [sys.executable, "-c", code, free_endpoint()]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LONGEST)
