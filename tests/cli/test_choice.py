@@ -102,7 +102,7 @@ def test_echo_and_change_notifier(tool: Any, bag: Path) -> None:
 def test_stores_refuse_options_of_recordings(tool: Any, bag: Path, tmp_path: Path) -> None:
     frozen = tmp_path / "all.tfdb"
     tfdb.load(bag).freeze(frozen)
-    words = "is a frozen store, read as a whole: --frame, --prefix is valid for recordings"
+    words = "is a frozen store, read as a whole: --frame, --prefix are valid for recordings"
     given = ("--prefix", "r/", "--frame", "map")
     assert words in tool("tree", frozen, *given, code=2).error
     assert "is a graph, read as a whole" in tool("tree", "ros1:", "--keep", "3", code=2).error
@@ -191,6 +191,19 @@ def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path) -> None:
         (("--urdf", tmp_path / "none.urdf"), "none.urdf"),
     ):
         assert words in tool("tree", arm, *wrong, code=2).error
+
+
+def test_only_a_robot_with_joint_states_gets_fixed_joints(
+    arm: Path, tool: Any, tmp_path: Path
+) -> None:
+    other, out, urdf = tmp_path / "b.mcap", tmp_path / "both.mcap", arm.with_suffix(".urdf")
+    edge = tfdb.TransformStamped("map", "cart", 2 * 10**9, (1, 2, 3), (0.0, 0.6, 0.0, 0.8))
+    tfdb.recordings.write_transforms(other, [edge])
+    apart = ("--prefix", "a/", "--prefix", "b/")
+    tool("merge", arm, other, "-o", out, "--urdf", urdf, *apart)
+    assert tfdb.load(out).frames() == ["a/base", "a/eye", "a/hand", "b/cart", "b/map"]
+    tool("merge", arm, other, "-o", out, "--urdf", urdf, "--overwrite")
+    assert tfdb.load(out).frames() == tfdb.load([arm, other], urdf=urdf).frames()
 
 
 def test_serve_follow(tool: Any, mcap: Path, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 import tfdb
-from tfdb.recordings import RecordingWriter
+from tfdb.recordings import RecordingWriter, follow_recording
 from tfdb.recordings.containers import Source
 from tfdb.recordings.open_recordings import open_recordings
 from tfdb.recordings.pose_messages import decode_joint_state, decode_poses
@@ -194,6 +194,80 @@ def test_poses_of_two_files_may_not_contradict(ros: Messages, tmp_path: Path) ->
         tfdb.load(paths, pose_topics="/odom")
     assert list((caught.value.groups or {}).values()) == [("/odom",), ("/odom",)]
     tfdb.load(paths, pose_topics="/odom", mix=True)
+
+
+def two_ways(ros: Messages, folder: Path, odometry: list[Pose], tf: list[Pose]) -> Path:
+    """Write one edge on /odom (map to base), on /amcl (no child named) and on /tf."""
+    register_tf(ros)
+    encoding = "ros1" if ros.ros1 else "cdr"
+    messages: list[tuple[str, str, int, Any]] = []
+    for at, (one, other) in enumerate(zip(odometry, tf, strict=True), 1):
+        edge = tfdb.TransformStamped("map", "base", at * S, other[:3], other[3:])
+        for topic, type_ in (("/odom", "Odometry"), ("/amcl", "PoseStamped")):
+            name = f"{'nav' if topic == '/odom' else 'geometry'}_msgs/msg/{type_}"
+            pose = one if topic == "/odom" else other
+            messages.append((topic, name, at, ros.of(name, at * S, pose)))
+        data = tfdb.encode_tf_message([edge], encoding)
+        messages.append(("/tf", "tf2_msgs/msg/TFMessage", at, data))
+    return ros.write(folder, messages)
+
+
+@pytest.mark.parametrize(
+    ("topics", "posed", "groups"),
+    [
+        (None, {"/odom": None}, {"/odom", "/tf"}),
+        ("/tf", {"/odom": None}, {"/odom", "/tf"}),
+        ((), {"/odom": None, "/amcl": "base"}, {"/amcl", "/odom"}),
+    ],
+    ids=["every topic", "a named topic", "poses only"],
+)
+def test_pose_topics_that_disagree_are_refused(
+    ros: Messages, tmp_path: Path, topics: Any, posed: dict[str, str | None], groups: set[str]
+) -> None:
+    path = two_ways(ros, tmp_path, poses(5), poses(5, 8))
+    with pytest.raises(tfdb.errors.MixedSources) as caught:
+        tfdb.load(path, topics=topics, pose_topics=posed)
+    assert set(caught.value.groups or {}) == groups
+    assert caught.value.frames == ("base",)
+    for way in ("--exclude", "--pose-topic TOPIC=CHILD", "--mix"):
+        assert way in str(caught.value)
+    for options in ({"mix": True}, {"exclude": "/odom"}, {"pose_topics": posed | {"/odom": "b"}}):
+        loaded = tfdb.load(path, **{"topics": topics, "pose_topics": posed, **options})
+        assert "base" in loaded.frames()
+
+
+def test_pose_topics_that_agree_are_loaded(ros: Messages, tmp_path: Path) -> None:
+    path = two_ways(ros, tmp_path, poses(5), poses(5))
+    buffer = tfdb.load(path, pose_topics={"/odom": None, "/amcl": "base"})
+    assert buffer.frame_info("base").samples == 5
+
+
+def test_a_copy_joins_poses_with_tf_only_if_they_agree(ros: Messages, tmp_path: Path) -> None:
+    """A copy writes poses on /tf."""
+    path = two_ways(ros, tmp_path, poses(5), poses(5, 8))
+    with (
+        open_recordings(path, Selection(pose_topics={"/odom": "base"})) as recordings,
+        pytest.raises(tfdb.errors.MixedSources, match="transforms of base: /odom; /tf"),
+    ):
+        recordings.rewriter(one_tree=False)
+    agreeing = Selection(pose_topics={"/amcl": "base"})
+    with (
+        open_recordings(path, agreeing) as recordings,
+        RecordingWriter(tmp_path / "out.mcap") as writer,
+    ):
+        rewrite(recordings, [recordings.rewriter(one_tree=False)], writer)
+    assert tfdb.load(tmp_path / "out.mcap").frame_info("base").samples == 5
+
+
+def test_pose_topics_of_a_growing_recording_are_judged(tmp_path: Path) -> None:
+    ros = Messages("mcap")
+    folder = two_ways(ros, tmp_path, poses(5), poses(5, 8))
+    (path,) = folder.glob("*.mcap")
+    buffer = tfdb.Buffer(history=None)
+    with pytest.raises(tfdb.errors.MixedSources, match="of base: /odom; /tf"):
+        follow_recording(buffer, path, pose_topics="/odom")
+    follow_recording(buffer, path, pose_topics={"/amcl": "base"})
+    assert buffer.frame_info("base").samples == 5
 
 
 def test_paths(ros: Messages, tmp_path: Path) -> None:

@@ -138,7 +138,8 @@ class OpenRecordings:
     def rewriter(self, step: Step | None = None, *, one_tree: bool = True) -> Rewriter:
         """Return the rewriter that selects and renames the transforms of all files, for one store.
 
-        `one_tree`: they are read together, so groups of topics must agree.
+        `one_tree`: they are read together, so groups of topics must agree. Otherwise they are
+        written, and groups must agree that are written on one topic.
 
         Raises
         ------
@@ -161,6 +162,7 @@ class OpenRecordings:
     ) -> list[Rewriter]:
         """Return one rewriter for each robot; each has its own prefix.
 
+        Only a robot whose recordings have the joint states gets the joints of `urdf`.
         Offsets refer to the first and last stamp of all robots. Raises the errors of `rewriter`.
         """
         chosen = [self.choice.prefixed(prefix) for prefix, _ in robots]
@@ -192,8 +194,15 @@ class OpenRecordings:
     ) -> None:
         choice = self.choice
         survey = Survey(recordings, choice.wants, choice.kind, rewriter.without_names())
-        if one_tree and choice.judges_groups:
+        if choice.judges_groups and one_tree:
             survey.refuse_groups(choice.is_judged, apart=choice.by_namespace)
+        elif choice.judges_groups:
+            for group in sorted({_written(choice, source) for source in self.sources}):
+
+                def joined(source: Source, group: str = group) -> bool:
+                    return choice.is_judged(source) and _written(choice, source) == group
+
+                survey.refuse_groups(joined, apart=choice.by_namespace)
         survey.refuse_parts()
 
     def _survey(
@@ -219,7 +228,7 @@ class OpenRecordings:
 
         joints = None
         store(lambda source: choice.wants(source) and not source.holds_joint_states)
-        if choice.model is not None:
+        if choice.model is not None and any(map(self._has_joint_states, recordings)):
             # Frames of the recording's own transforms are not computed from joint states.
             taken = [info.name for info in everything.tree() if info.parent is not None]
             joints = _joint_states(choice.model, taken)
@@ -229,6 +238,11 @@ class OpenRecordings:
                 everything.set_transforms(fixed, static=True)
             store(lambda source: choice.wants(source) and source.holds_joint_states)
         return RecordedEdges.of_store(everything), joints
+
+    def _has_joint_states(self, recording: Recording) -> bool:
+        """Return whether a recording has the topic of the model's joint states."""
+        wanted = filter(self.choice.wants, recording.all_sources)
+        return any(source.holds_joint_states for source in wanted)
 
     def _check_names(
         self,
@@ -392,6 +406,11 @@ def window_of(choice: Choice, found: tuple[int, int] | None) -> Window:
     if first is not None and last is not None:
         check_order(first, last)
     return first, last
+
+
+def _written(choice: Choice, source: Source) -> str:
+    """Return the group of the topic on which a source is written."""
+    return choice.written_topic(source).removesuffix("_static")
 
 
 def _way_on(source: Source) -> str:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 from tfdb import _core
 
 from .load_report import refused_by, warn_of_refused
-from .selection import absolute
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from tfdb.data.refused_transforms import RefusedEdge
 
@@ -58,7 +57,6 @@ class Rewriting:
     def __init__(self, writer: RecordingWriter, choice: Choice) -> None:
         self._writer = writer
         self._choice = choice
-        self._topics = choice.roles or {}
         self._natively = _core.MessageRewriter(writer.encoding)
         self._others = Written()
 
@@ -102,8 +100,7 @@ class Rewriting:
         return self._natively.refusals()
 
     def _connection(self, source: Source) -> int:
-        static = self._choice.is_static(source)
-        topic = _topic_of(source, self._topics, static=static)
+        topic = self._choice.written_topic(source)
         authority = "" if source.authority == source.topic else source.authority
         return self._writer.connection(topic, authority, static=topic.endswith("/tf_static"))
 
@@ -172,14 +169,3 @@ def merged(streams: Sequence[Iterator[_core.Recorded]]) -> Iterator[_core.Record
                 heads[number], places[number] = next(filter(len, streams[number]), None), 0
         together.sort()
         yield together
-
-
-def _topic_of(source: Source, topics: Mapping[str, str], *, static: bool) -> str:
-    """Return the topic on which the transforms of a source are written."""
-    if not source.holds_transforms:
-        return topics.get("/tf", "/tf")
-    topic = absolute(source.topic)
-    if topic in topics or source.is_tf:
-        return topics.get(topic, topic)
-    # The names of tf's topics: by them transforms are moving or static.
-    return f"{topic.rpartition('/')[0]}/{'tf_static' if static else 'tf'}"

@@ -79,7 +79,8 @@ class Selection:
         Topics whose poses become moving edges: Odometry, TransformStamped, PoseStamped,
         PoseWithCovarianceStamped, Path, and Foxglove's PoseInFrame. The parent is the frame of the
         header, the child the one that the message names. A mapping sets the child:
-        `{"/pose": "base_link"}`. With `topics=()` no other topic is read.
+        `{"/pose": "base_link"}`. With `topics=()` no other topic is read. Their poses must not
+        disagree with each other or with the other topics, except with `mix`.
     urdf
         Robot model, or its file: joint states become moving edges, fixed joints static edges.
         Frames of the recording's own transforms are not overwritten by the model. The report's
@@ -274,8 +275,8 @@ class Choice:
 
     @property
     def judges_groups(self) -> bool:
-        """Whether groups of topics must agree."""
-        return self.roles is None and not self.mix
+        """Whether groups of topics must agree. Named topics of transforms alone need not."""
+        return not self.mix and (self.roles is None or bool(self.pose_topics))
 
     def wants(self, source: Source) -> bool:
         """Return whether a source is to be read."""
@@ -300,9 +301,18 @@ class Choice:
         return source.encoding if source.is_tf else OTHERS, self.is_static(source)
 
     def is_judged(self, source: Source) -> bool:
-        """Return whether a source has wanted transforms and is not one of `pose_topics`."""
-        is_named = absolute(source.topic) in self.pose_topics
-        return source.holds_transforms and self.wants(source) and not is_named
+        """Return whether a source has wanted transforms or poses."""
+        return self.wants(source) and not source.holds_joint_states
+
+    def written_topic(self, source: Source) -> str:
+        """Return the topic on which the transforms of a source are written in a recording."""
+        topic, roles = absolute(source.topic), self.roles or {}
+        if not source.holds_transforms:
+            return roles.get("/tf", "/tf")
+        if topic in roles or source.is_tf:
+            return roles.get(topic, topic)
+        # The names of tf's topics: by them transforms are moving or static.
+        return f"{topic.rpartition('/')[0]}/{'tf_static' if self.is_static(source) else 'tf'}"
 
     @property
     def limits(self) -> str:

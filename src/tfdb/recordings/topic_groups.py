@@ -1,9 +1,10 @@
 """Groups the topics of recordings, and finds edges on which groups or files disagree.
 
 `/tf` and `/tf_static` of one namespace form one group of topics. Every other topic is a group of
-its own, together with the topic of the same name plus `_static`. The messages of a group in one
-file are a part. Two groups agree on an edge if one repeats samples of the other. Parts of one group
-agree unless they contradict each other, so consecutive recordings agree.
+its own, together with the topic of the same name plus `_static`; so is a topic of poses. The
+messages of a group in one file are a part. Two groups agree on an edge if one repeats samples of
+the other. Parts of one group agree unless they contradict each other, so consecutive recordings
+agree.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from typing import TYPE_CHECKING
 
 from tfdb import _core
 from tfdb.data.errors import MixedSources
-from tfdb.recordings.containers import prefix_of_topic
+from tfdb.recordings.containers import prefix_of
 from tfdb.store.summary import find_gaps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from typing import TypeAlias
 
     import numpy as np
@@ -113,16 +114,16 @@ class Survey:
         Sources for which `judged` is true are compared. `apart`: the groups have their prefixes,
         and disagree where these make one name.
         """
-        topics: dict[str, set[str]] = defaultdict(set)
+        sources: dict[str, list[Source]] = defaultdict(list)
         for recording in self._recordings:
             for source in filter(self._wanted, recording.all_sources):
                 if judged(source):
-                    topics[group_of(source)].add("/" + source.topic.strip("/"))
-        if len(topics) < 2:
+                    sources[group_of(source)].append(source)
+        if len(sources) < 2:
             return
         shared: dict[str, set[str]] = defaultdict(set)
         for part in self._parts:
-            for frame in {*part.moving, *part.fixed} if part.group in topics else ():
+            for frame in {*part.moving, *part.fixed} if part.group in sources else ():
                 shared[frame].add(part.group)
         shared = {frame: groups for frame, groups in sorted(shared.items()) if len(groups) > 1}
         stores = {
@@ -135,8 +136,8 @@ class Survey:
             if disagree([stores[group] for group in sorted(groups)], frame)
         }
         if mixed:
-            found = sorted({group for groups in mixed.values() for group in groups}, key=_order)
-            named = {group: sorted(topics[group]) for group in found}
+            found = {group for groups in mixed.values() for group in groups}
+            named = {group: sources[group] for group in found}
             raise (collision if apart else mixture)(self._paths, named, tuple(mixed))
 
     def refuse_parts(self) -> None:
@@ -242,13 +243,13 @@ class Watch:
         self._path = path
         self._rewriter = rewriter
         self._owners: dict[str, str] = {}
-        self._topics: dict[str, set[str]] = defaultdict(set)
+        self._sources: dict[str, set[Source]] = defaultdict(set)
         self._owned: Buffer = _core.Buffer(history=_KEPT)
 
     def look(self, run: Run, encoding: str, is_static: bool) -> None:
         """Compare messages of one part. Raises MixedSources if they disagree with another part."""
         part = spelling_of(run.source)
-        self._topics[part].add(run.source.topic)
+        self._sources[part].add(run.source)
         found = self._rewriter.children(run, encoding, is_static).values()
         names = sorted({name for frames in found for name in frames})
         foreign = [each for each in names if self._owners.setdefault(each, part) != part]
@@ -256,12 +257,13 @@ class Watch:
         self._rewriter.ingest(run, fresh, encoding, is_static)
         others = [each for each in foreign if not self._agrees(fresh, each, part)]
         if others:
-            named = sorted({part, *(self._owners[each] for each in others)}, key=_order)
-            topics = {each: sorted(self._topics[each]) for each in named}
-            if len({each.strip("/") for each in named}) == 1:
+            parts = (part, *(self._owners[frame] for frame in others))
+            sources = {each: self._sources[each] for each in parts}
+            if len({each.strip("/") for each in sources}) == 1:
+                topics = {each: sorted({s.topic for s in of}) for each, of in sources.items()}
                 raise mixed_spellings(self._path, topics, tuple(others))
-            topics = {"/" + each.strip("/"): [_absolute(t) for t in topics[each]] for each in named}
-            raise mixture(self._path, topics, tuple(others))
+            groups = {group_of(s): of for of in sources.values() for s in of}
+            raise mixture(self._path, groups, tuple(others))
 
     def _agrees(self, fresh: Buffer, frame: str, part: str) -> bool:
         one, other = _edge(fresh, frame), _edge(self._owned, frame)
@@ -273,10 +275,10 @@ class Watch:
 
 
 def mixture(
-    path: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+    path: str, groups: Mapping[str, Collection[Source]], frames: tuple[str, ...]
 ) -> MixedSources:
     """Return the error that names groups that disagree, and the frames of the edges."""
-    prefixes = [prefix_of_topic(group, transforms=True) for group in topics]
+    prefixes = [_prefix(sources) for sources in groups.values()]
     apart = ""
     if len(set(prefixes)) == len(prefixes):
         apart = (
@@ -284,23 +286,21 @@ def mixture(
             f"{max(prefixes, key=len)} (by_namespace=True, --by-namespace), "
         )
     reason = (
-        f"{len(topics)} groups of topics state different transforms of {_few(frames, ', ')}: "
-        f"{_listed(topics)}. "
-        f"Name the topics of one group (topics=, --topic), {apart}or mix them (mix=True, --mix)"
+        f"{len(groups)} groups of topics state different transforms of {_few(frames, ', ')}: "
+        f"{_listed(groups)}. {_choose(groups)}, {apart}or mix them (mix=True, --mix)"
     )
-    return _mixed_groups(path, reason, topics, frames)
+    return _mixed_groups(path, reason, groups, frames)
 
 
 def collision(
-    path: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+    path: str, groups: Mapping[str, Collection[Source]], frames: tuple[str, ...]
 ) -> MixedSources:
     """Return the error that names groups whose prefixes give different frames one name."""
     reason = (
-        f"{len(topics)} groups of topics get the same frame names from their prefixes, "
-        f"{_few(frames, ', ')}: {_listed(topics)}. "
-        "Name the topics of one group (topics=, --topic)"
+        f"{len(groups)} groups of topics get the same frame names from their prefixes, "
+        f"{_few(frames, ', ')}: {_listed(groups)}. {_choose(groups)}"
     )
-    return _mixed_groups(path, reason, topics, frames)
+    return _mixed_groups(path, reason, groups, frames)
 
 
 def mixed_parts(path: str, parts: Sequence[Part], frames: tuple[str, ...]) -> MixedSources:
@@ -337,25 +337,43 @@ def mixed_spellings(
 
 
 def _mixed_groups(
-    path: str, reason: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+    path: str, reason: str, groups: Mapping[str, Collection[Source]], frames: tuple[str, ...]
 ) -> MixedSources:
     """Return an error that names groups by their prefixes; groups of one prefix by a topic."""
-    names = {group: "/" + prefix_of_topic(group, transforms=True)[:-1] for group in topics}
+    names = {group: "/" + _prefix(sources)[:-1] for group, sources in groups.items()}
     shared = [name for name in names.values() if list(names.values()).count(name) > 1]
-    groups = {
-        group if names[group] in shared else names[group]: tuple(each)
-        for group, each in topics.items()
+    topics = {
+        group if names[group] in shared else names[group]: _topics(groups[group])
+        for group in _sorted(groups)
     }
-    return MixedSources(path, reason, frames=frames, groups=groups)
+    return MixedSources(path, reason, frames=frames, groups=topics)
 
 
-def _listed(topics: Mapping[str, Sequence[str]]) -> str:
-    return _few([" with ".join(each) for each in topics.values()], "; ")
+def _choose(groups: Mapping[str, Collection[Source]]) -> str:
+    """Return the remedy of reading one group only."""
+    if all(source.holds_transforms for sources in groups.values() for source in sources):
+        return "Name the topics of one group (topics=, --topic)"
+    return (
+        "Leave out the topics of all but one group (exclude=, --exclude), give the poses another "
+        "child (pose_topics=, --pose-topic TOPIC=CHILD)"
+    )
 
 
-def _order(group: str) -> tuple[str, str]:
-    """Return the sort key of groups: the prefix, then the name."""
-    return prefix_of_topic(group, transforms=True), group
+def _listed(groups: Mapping[str, Collection[Source]]) -> str:
+    return _few([" with ".join(_topics(groups[each])) for each in _sorted(groups)], "; ")
+
+
+def _sorted(groups: Mapping[str, Collection[Source]]) -> list[str]:
+    """Sort groups by their prefixes, then by their names."""
+    return sorted(groups, key=lambda group: (_prefix(groups[group]), group))
+
+
+def _prefix(sources: Collection[Source]) -> str:
+    return prefix_of(next(iter(sources)))
+
+
+def _topics(sources: Iterable[Source]) -> tuple[str, ...]:
+    return tuple(sorted({_absolute(source.topic) for source in sources}))
 
 
 def _absolute(topic: str) -> str:
