@@ -312,6 +312,20 @@ def test_a_file_of_which_nothing_is_merged_is_named(tool: Tool, tmp_path: Path) 
     assert f"tfdb: warning: {other}: none of its transforms is merged" in ran.err
 
 
+def test_a_name_of_one_file_is_known_in_the_others(tool: Tool, tmp_path: Path) -> None:
+    one = record(tmp_path / "a.mcap", {("map", "base"): range(9), ("base", "arm"): range(9)})
+    other = record(tmp_path / "b.mcap", {("table", "cup"): range(9)})
+    prefixes = "--prefix", "a/", "--prefix", "b/"
+    given = (one, other, "-o", tmp_path / "o.mcap", *prefixes, "--overwrite")
+    assert tool("merge", *given, "--exclude", "arm", "--rename", "table:=desk").err == ""
+    ran = tool("merge", *given, "--exclude", "am", "--rename", "desk:=table")
+    assert ran.err.splitlines() == [
+        f"tfdb: warning: exclude: no frame, topic or node of {one}, {other} matches 'am'; "
+        "did you mean 'arm'?",
+        f"tfdb: warning: rename: no frame of {one}, {other} is called 'desk'",
+    ]
+
+
 def test_a_new_name_joins_the_root_of_one_file_to_another(tool: Tool, tmp_path: Path) -> None:
     one = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
     other = record(tmp_path / "b.mcap", {("world", "body"): range(9)})

@@ -11,6 +11,7 @@ import click
 import tfdb
 from tfdb.recordings.open_recordings import each_once, survey_edges
 from tfdb.recordings.recording_writer import RecordingWriter
+from tfdb.recordings.rewriter import warn_of_names
 from tfdb.recordings.rewriting import Written, rewrite
 
 from . import common, layout, output
@@ -110,11 +111,13 @@ def _check(recordings: OpenRecordings, rewriters: Sequence[Rewriter]) -> None:
         if not found:
             text = f"{recording.path}: none of its transforms is merged"
             warnings.warn(text, tfdb.TfdbWarning, stacklevel=2)
-    for rewriter in dict.fromkeys(rewriters):
+    robots = list(dict.fromkeys(rewriters))
+    warn_of_names(robots, recordings.names, 2)
+    for rewriter in robots:
         named = [
             r.path for r, each in zip(recordings.given, rewriters, strict=True) if each is rewriter
         ]
-        rewriter.warn(", ".join(map(str, named)), 2)
+        rewriter.warn_of_data(", ".join(map(str, named)), 2)
     if recordings.choice.mix:
         return
     _refuse_collisions(recordings, rewriters, parents)

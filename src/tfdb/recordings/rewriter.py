@@ -363,26 +363,13 @@ class Rewriter:
 
         `untimed`: warn also of transforms without a timestamp.
         """
+        warn_of_names([self], what, depth + 1)
+        self.warn_of_data(what, depth + 1, untimed=untimed)
+
+    def warn_of_data(self, what: str, depth: int, *, untimed: bool = True) -> None:
+        """Warn as `warn`, but not of names in options."""
         for message in () if self.joints is None else self.joints.report().complaints():
             warnings.warn(f"{what}: {message}", TfdbWarning, stacklevel=depth)
-        choice = self._choice
-        unused = [entry for entry in choice.exclude if entry not in self._rules.used]
-        if unused:
-            plain = [entry for entry in unused if not set(entry) & set("*?")]
-            hint = did_you_mean(plain, self._rules.names)
-            names = first_few(unused)
-            message = f"exclude: no frame, topic or node of {what} matches {names}{hint}"
-            warnings.warn(message, TfdbWarning, stacklevel=depth)
-        known = self._known()
-        unknown = sorted(set(choice.rename) - known)
-        if unknown:
-            hint = did_you_mean(unknown, known)
-            message = f"rename: no frame of {what} is called {first_few(unknown)}{hint}"
-            warnings.warn(message, TfdbWarning, stacklevel=depth)
-        left_out = self._left_out_names()
-        if left_out:
-            message = f"rename: {first_few(left_out)} of {what} is left out by {choice.limits}"
-            warnings.warn(message, TfdbWarning, stacklevel=depth)
         if self._all_outside() and not self.moving:
             message = f"{what}: no moving transform {self._described()}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
@@ -395,7 +382,7 @@ class Rewriter:
         known = self._known()
         for frame in sorted(set(self._choice.rename) - known):
             raise no_frame("rename", frame, sorted(known))
-        for frame in self._left_out_names():
+        for frame in sorted((self._choice.rename.keys() & known) - self._loaded().keys()):
             text = f"rename: frame {frame!r} is left out by {self._choice.limits}"
             raise UnknownFrame(text, frame=frame)
 
@@ -403,10 +390,6 @@ class Rewriter:
         """Return the old names of all seen frames, for error texts."""
         found = self._loaded().keys() | self._rules.seen
         return {each for each in found if each and each.isprintable()}
-
-    def _left_out_names(self) -> list[str]:
-        """Return the frames to rename that were left out."""
-        return sorted((self._choice.rename.keys() & self._known()) - self._loaded().keys())
 
     def reason(self) -> str:
         """Return why no transform is left."""
@@ -452,6 +435,33 @@ class Rewriter:
         if name is None:
             name = self._names[frame] = self._rules.name(frame)
         return name
+
+
+def warn_of_names(rewriters: Sequence[Rewriter], what: str, depth: int) -> None:
+    """Warn of names in `exclude` and `rename` that match nothing in `what`, which was rewritten.
+
+    The rewriters differ only in their prefix. The caller is `depth` frames up.
+    """
+    choice = rewriters[0]._choice
+    used = {entry for each in rewriters for entry in each._rules.used}
+    unused = [entry for entry in choice.exclude if entry not in used]
+    if unused:
+        plain = [entry for entry in unused if not set(entry) & set("*?")]
+        hint = did_you_mean(plain, {name for each in rewriters for name in each._rules.names})
+        names = first_few(unused)
+        message = f"exclude: no frame, topic or node of {what} matches {names}{hint}"
+        warnings.warn(message, TfdbWarning, stacklevel=depth)
+    known = {name for each in rewriters for name in each._known()}
+    unknown = sorted(choice.rename.keys() - known)
+    if unknown:
+        hint = did_you_mean(unknown, known)
+        message = f"rename: no frame of {what} is called {first_few(unknown)}{hint}"
+        warnings.warn(message, TfdbWarning, stacklevel=depth)
+    loaded = {name for each in rewriters for name in each._loaded()}
+    left_out = sorted((choice.rename.keys() & known) - loaded)
+    if left_out:
+        message = f"rename: {first_few(left_out)} of {what} is left out by {choice.limits}"
+        warnings.warn(message, TfdbWarning, stacklevel=depth)
 
 
 def describe_untimed(topic: str, count: int) -> str:
