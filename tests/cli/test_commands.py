@@ -306,6 +306,16 @@ def test_poses_at_stamps(tool: Tool, mcap: Path, tmp_path: Path) -> None:
     assert np.allclose(rows, path.poses[[5, 3, 60]], atol=1e-12)
 
 
+def test_stamps_of_a_file_that_is_not_text(tool: Tool, mcap: Path, tmp_path: Path) -> None:
+    file = tmp_path / "stamps.npz"
+    np.savez_compressed(file, stamps=np.arange(9))
+    said = tool("poses", mcap, "map", "base_link", "--at", file, code=2).error
+    assert said == (
+        f"{file}, line 1: this is not UTF-8 text; write one stamp per line in seconds, or in "
+        "nanoseconds with 'ns'"
+    )
+
+
 def test_poses_between_two_times(tool: Tool, mcap: Path) -> None:
     options = ("--rate", "10", "--start", "+2", "--end", "+3")
     rows = tool("poses", mcap, "map", "base_link", *options).out.splitlines()

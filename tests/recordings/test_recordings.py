@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -436,6 +437,25 @@ def test_the_report_has_the_time_it_took(
     report = tfdb.Buffer(history=None).load([str(path)])
     assert isinstance(report, LoadReport)
     assert report.seconds > 0
+
+
+def test_reports_print_in_one_line(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
+    path = recorder.bag(tmp_path / "a.bag", messages)
+    report = replace(tfdb.Buffer(history=None).load(path, exclude="hand"), seconds=0.25)
+    assert str(report) == (
+        f"{path}: 601 transforms in 601 messages, loaded in 250 ms; 300 transforms left out"
+    )
+    track = tmp_path / "track.tum"
+    track.write_text("1 1 2 3 0 0.6 0 0.8\n1 1 2 3 0 0.6 0 0.8\nno row\n")
+    with pytest.warns(tfdb.TfdbWarning):
+        report = tfdb.Buffer(history=None).load(track, salvage=True)
+    rows = (
+        "3 rows, 1 with a repeated stamp (the last row counts), 1 skipped (line 3: 2 columns "
+        "instead of `seconds x y z qx qy qz qw`)"
+    )
+    told = str(replace(report, seconds=0.25))
+    assert told == f"{track}: 1 transform, loaded in 250 ms; {rows}"
+    assert str(report.trajectories[0]) == f"{track}: {rows}"
 
 
 def test_senders_of_single_messages(recorder: Any, messages: list[Any]) -> None:

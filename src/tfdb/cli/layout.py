@@ -214,17 +214,8 @@ def _indent(
 def say_refused(out: Console, report: LoadReport | None) -> None:
     """Print the counts of refused messages and transforms, if any were refused."""
     if report and report.refused_edges:
-        counts = refused_counts(report.refused, report.refused_transforms)
-        out.print(wrap(words(f"{counts}; 'tfdb check' lists the reasons")), style="red")
-
-
-def refused_counts(messages: int, transforms: int) -> str:
-    """Describe the counts of refused messages (nothing of them was stored) and transforms."""
-    whole = f"{messages:,} message{'' if messages == 1 else 's'}"
-    if not transforms:
-        return f"{whole} refused"
-    some = f"{transforms:,} transform{'' if transforms == 1 else 's'} refused"
-    return f"{some}, nothing stored of {whole}" if messages else some
+        text = f"{report.refused_counts}; 'tfdb check' lists the reasons"
+        out.print(wrap(words(text)), style="red")
 
 
 def literal(text: str) -> Text:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import click
 
 import tfdb
-from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
 from tfdb.player.controls import CONTROLS, KEYS, obey
 
@@ -184,14 +183,12 @@ def _body(
 
 def _describe(player: Player, told: LoadReport, began: float) -> str:
     passed = format_duration(round((time.monotonic() - began) * NS))
-    text = f"{counted(told.transforms, 'transform')} in {counted(told.messages, 'message')}"
-    text += f", played in {passed}"
+    text = f"{told.stored_counts}, played in {passed}"
     if player.shift:
         text += f"; stamps are {format_duration(player.shift)} later than recorded"
     if told.first_refusals:
-        counts = layout.refused_counts(told.refused, told.refused_transforms)
         error, first = next(iter(told.first_refusals.items()))
-        text += f"; {counts}, the first: {error}: {first}"
+        text += f"; {told.refused_counts}, the first: {error}: {first}"
     return text
 
 

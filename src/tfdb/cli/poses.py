@@ -164,7 +164,8 @@ def _check_format(out: str | None, kind: Format | None) -> None:
 
 def _stamps(name: str) -> npt.NDArray[np.int64]:
     if name == "-":
-        name, text = "standard input", sys.stdin.read()
+        name = "standard input"
+        text = sys.stdin.buffer.read().decode(errors="replace")
     else:
         (path,) = common.find_paths([name])
         with errors_name(path):

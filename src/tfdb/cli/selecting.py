@@ -164,9 +164,11 @@ def refuse_selection(names: Sequence[str], what: str, how: str) -> None:
     """Refuse other files and selections beside `names[0]`, which is `what`, given as `how`."""
     if len(names) > 1:
         raise click.UsageError(f"{what} cannot be combined with other files: give {how} alone")
-    if flags := ", ".join(sorted(map(flag_of, given()))):
+    if flags := sorted(map(flag_of, given())):
+        are = "is" if len(flags) == 1 else "are"
         raise click.UsageError(
-            f"{names[0]} is {what}, read as a whole: {flags} is valid for recordings only"
+            f"{names[0]} is {what}, read as a whole: {', '.join(flags)} {are} valid for recordings "
+            "only"
         )
 
 

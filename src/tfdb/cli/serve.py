@@ -104,9 +104,7 @@ def _show_followed(report: LoadReport, file: str, name: str, *, as_json: bool) -
         output.emit_json("serve follow", {"files": [file], "store": name, **shown, **more})
         return
     passed = format_duration(round(report.seconds * NS))
-    text = f"{counted(report.transforms, 'transform')} in {counted(report.messages, 'message')}"
-    text += f", loaded in {passed}"
-    output.say(layout.wrap(layout.words(text)))
+    output.say(layout.wrap(layout.words(f"{report.stored_counts}, loaded in {passed}")))
 
 
 def graph_options(function: Any) -> Any:

@@ -130,8 +130,10 @@ def read_stamps(text: str, name: str) -> list[int]:
         except ValueError as error:
             if not stamps and not first[0].isdigit() and first[0] not in "+-" and len(fields) > 1:
                 continue
+            is_text = first.isprintable() and "\ufffd" not in first
+            reason = error if is_text else "this is not UTF-8 text"
             raise tfdb.InvalidStamp(
-                f"{name}, line {number}: {error}; write one stamp per line in seconds, "
+                f"{name}, line {number}: {reason}; write one stamp per line in seconds, "
                 "or in nanoseconds with 'ns'",
                 path=name,
                 line=number,

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 
 from tfdb import _core
 from tfdb.data.counting import counted
+from tfdb.data.decimal_time import NS_PER_SECOND
 from tfdb.data.errors import RecordingError, TfdbWarning
 from tfdb.data.refused_transforms import RefusedEdge
+from tfdb.data.time_text import format_duration
 
 from .static_conflicts import way_on
 
@@ -111,6 +113,37 @@ class LoadReport:
     notes: tuple[str, ...] = ()
     refused_transforms: int = 0
     refused_edges: tuple[RefusedEdge, ...] = ()
+
+    @property
+    def stored_counts(self) -> str:
+        """The numbers of transforms and, except for trajectory files, of messages as text."""
+        transforms = counted(self.transforms, "transform")
+        return f"{transforms} in {counted(self.messages, 'message')}" if self.topics else transforms
+
+    @property
+    def refused_counts(self) -> str:
+        """The numbers of refused transforms and of messages of which nothing was stored as text."""
+        whole = counted(self.refused, "message")
+        if not self.refused_transforms:
+            return f"{whole} refused"
+        some = f"{counted(self.refused_transforms, 'transform')} refused"
+        return f"{some}, nothing stored of {whole}" if self.refused else some
+
+    def __str__(self) -> str:
+        """Write the counts in one line, with the rows of trajectories and the losses."""
+        passed = format_duration(round(self.seconds * NS_PER_SECOND))
+        parts = [f"{', '.join(self.files)}: {self.stored_counts}, loaded in {passed}"]
+        if self.refused_edges:
+            parts.append(self.refused_counts)
+        if self.left_out:
+            parts.append(f"{counted(self.left_out, 'transform')} left out")
+        if self.forgotten:
+            parts.append(f"{counted(self.forgotten, 'sample')} older than the history")
+        if len(self.trajectories) == len(self.files) == 1:
+            return "; ".join([*parts, self.trajectories[0].summary])
+        told = {rows.path for rows in self.trajectories}
+        losses = (str(loss) for loss in self.lost if loss.path not in told)
+        return "; ".join([*parts, *map(str, self.trajectories), *losses])
 
     def _repr_html_(self) -> str:
         """Write tables for notebooks: the topics, and what was refused."""

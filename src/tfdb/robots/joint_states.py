@@ -71,6 +71,10 @@ class JointReport:
     not_finite: Mapping[str, int] = field(default_factory=dict)
     wide: tuple[Joint, ...] = ()
 
+    def __str__(self) -> str:
+        """Write the number of states and the mismatches in one line."""
+        return "; ".join([counted(self.states, "joint state"), *self.complaints()])
+
     def complaints(self) -> Iterator[str]:
         """Texts of warnings, one for each kind."""
         if self.missing:

@@ -82,6 +82,10 @@ class TrajectoryRows:
             parts.append(f"{self.skipped:,} skipped ({self.first_skipped})")
         return ", ".join(parts)
 
+    def __str__(self) -> str:
+        """Write the path and the counts in one line."""
+        return f"{self.path}: {self.summary}"
+
     def complaints(self) -> Iterator[str]:
         """Texts of warnings, each with the path of the file."""
         if self.repeated or self.moved or self.normalised or self.skipped:
