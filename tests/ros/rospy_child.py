@@ -19,6 +19,8 @@ HEARD = {}
 CALLERS = {}
 SUBSCRIBERS, PUBLISHERS, SERVICES, CLIENTS = {}, {}, {}, {}
 ARRIVED = threading.Condition()
+# A part of the error of a BufferClient without a result.
+LOST = "Something is likely wrong with the server"
 
 
 def class_of(kind, part="msg"):
@@ -148,14 +150,22 @@ def client(server, seconds):
 
 
 def look_up(server, full, arguments, seconds):
-    """Return its answer: ok and the fields, or the exception and its text."""
+    """Return its answer: ok and the fields, or the exception and its text.
+
+    actionlib drops a result that arrives before send_goal returns. The question is sent again
+    after such a timeout, at most four times.
+    """
     given = [time_of(each) if isinstance(each, int) else each for each in arguments]
     made = CLIENTS[server]
     find = made.lookup_transform_full if full else made.lookup_transform
-    try:
-        return ["ok", fields_of(find(*given, rospy.Duration(seconds)))]
-    except tf2_ros.TransformException as error:
-        return [type(error).__name__, str(error)]
+    for _ in range(5):
+        try:
+            return ["ok", fields_of(find(*given, rospy.Duration(seconds)))]
+        except tf2_ros.TransformException as error:
+            answer = [type(error).__name__, str(error)]
+        if LOST not in answer[1]:
+            break
+    return answer
 
 
 def begin_goal(server, target, source, seconds):
