@@ -78,6 +78,8 @@ WRITES: dict[str, Callable[[tfdb.Buffer], object]] = {
     "columns": lambda buf: buf.set_transforms(COLUMNS),
     "a removal": lambda buf: buf.remove_frames(CAMERA),
     "the removal of a root": lambda buf: buf.remove_frames("r1/odom", recursive=True),
+    "the removal of a parent": lambda buf: buf.remove_frames(BASE),
+    "the removal of a parent in a transaction": in_transaction(lambda tx: tx.remove_frames(BASE)),
     "a sample in a transaction": in_transaction(
         lambda tx: tx.set_transform("r1/odom", BASE, 3 * S, *pose(4))
     ),

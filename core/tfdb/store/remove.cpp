@@ -116,6 +116,10 @@ private:
     }
 
     void refuse_used(std::size_t index, const std::vector<FrameId>& children) {
+        if (const auto source = store_.remover_of(ids_[index])) {
+            refusals_.add(read_only_frame(names_[index], index, *source));
+            return;
+        }
         std::vector<std::string> names;
         for (const FrameId child : children)
             names.push_back(store_.names.name(child));

@@ -204,11 +204,7 @@ void Store::check_writable(const StoreCommit& commit) const {
         return;
     commit.for_each_change([&](FrameId id, bool removed) {
         if (const auto source = removed ? remover_of(id) : writer_of(id)) {
-            const std::string name = names.name(id);
-            ErrorDetail detail;
-            detail.frame = name;
-            detail.source = *source;
-            throw ReadOnly("frame " + quoted(name) + read_only_of(*source), std::move(detail));
+            throw read_only_frame(names.name(id), {}, *source);
         }
     });
 }

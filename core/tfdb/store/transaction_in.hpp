@@ -179,7 +179,7 @@ public:
                 seen.insert(children.begin(), children.end());
                 gone.insert(gone.end(), children.begin(), children.end());
             } else if (!children.empty()) {
-                refusals.add(frame_in_use(names[places[i]], places[i], names_of(children)));
+                refusals.add(used(gone[i], names[places[i]], places[i], children));
             }
         }
         if (!refusals.empty())
@@ -295,6 +295,14 @@ private:
         if (outcome == Outcome::kLapped)
             throw_lost("the data that it read were changed or overwritten", read_as_of());
         return outcome;
+    }
+
+    /// For a frame that was to be removed, and has children that stay.
+    [[nodiscard]] Error used(FrameId id, std::string_view name, std::size_t index,
+                             std::span<const FrameId> children) const {
+        if (const auto source = this->writes().is_own(id) ? std::nullopt : store_.remover_of(id))
+            return read_only_frame(name, index, *source);
+        return frame_in_use(name, index, names_of(children));
     }
 
     [[nodiscard]] FrameId find(std::string_view name) {

@@ -51,6 +51,12 @@ bool is_utf8(std::string_view text) {
     return true;
 }
 
+/// The part of a message about a frame that belongs to a source.
+std::string read_only_of(std::string_view source) {
+    return " is read-only here: it comes from source " + quoted(source) + ". forget_source(" +
+           quoted(source) + ") makes it writable";
+}
+
 }  // namespace
 
 bool is_text(std::string_view name) noexcept {
@@ -293,11 +299,6 @@ Error static_conflict(const TransformView& transform, std::size_t index, bool is
                           std::move(detail));
 }
 
-std::string read_only_of(std::string_view source) {
-    return " is read-only here: it comes from source " + quoted(source) + ". forget_source(" +
-           quoted(source) + ") makes it writable";
-}
-
 Error read_only(const TransformView& transform, std::size_t index, std::string_view source,
                 std::string_view authority) {
     ErrorDetail detail = detail_of(transform, index, authority);
@@ -338,6 +339,15 @@ Error unknown_frame(std::string_view name, std::size_t index, const std::string&
     detail.index = index;
     return UnknownFrame("frame " + quoted(name) + " does not exist: nothing was removed" + hint,
                         std::move(detail));
+}
+
+ReadOnly read_only_frame(std::string_view name, std::optional<std::size_t> index,
+                         std::string_view source) {
+    ErrorDetail detail;
+    detail.frame = name;
+    detail.index = index;
+    detail.source = source;
+    return ReadOnly("frame " + quoted(name) + read_only_of(source), std::move(detail));
 }
 
 Error frame_in_use(std::string_view name, std::size_t index, std::vector<std::string> children,

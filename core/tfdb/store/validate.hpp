@@ -80,6 +80,9 @@ void check_may_exist(const Question& question);
 /// For a frame that was to be removed, at `index` of the call's names. `hint` ends the message.
 [[nodiscard]] Error unknown_frame(std::string_view name, std::size_t index,
                                   const std::string& hint);
+/// For a frame of `source`, at `index` of the call's names.
+[[nodiscard]] ReadOnly read_only_frame(std::string_view name, std::optional<std::size_t> index,
+                                       std::string_view source);
 /// `advice` ends the message.
 [[nodiscard]] Error frame_in_use(
     std::string_view name, std::size_t index, std::vector<std::string> children,
@@ -118,9 +121,6 @@ private:
 /// would lie inside if they were seconds or counted from the first sample; near the newest sample
 /// if that were seconds; and, in a lookup, 0. Otherwise empty.
 std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest);
-
-/// The part of a message about a frame that belongs to a source.
-std::string read_only_of(std::string_view source);
 
 /// A frame name for a message: quoted, cut when long, control characters escaped.
 std::string quoted(std::string_view name);

@@ -139,7 +139,10 @@ class Home(Closable):
 
     @property
     def state(self) -> Literal["publishing", "fenced", "ended", "closed"]:
-        """`publishing`; `fenced` (a later home exists); `ended` (by an error); `closed`."""
+        """`publishing`; `fenced`: a later home exists; `ended`: by an error; `closed`.
+
+        `fenced` and `ended` stay after `close`.
+        """
         return self._state
 
     @property

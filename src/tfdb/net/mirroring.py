@@ -121,7 +121,7 @@ class Mirror(Closable):
 
         `absent`: no home found yet. `catching up`: commits are missing and requested. `live`: all
         commits that the home has sent are applied. `stale`: the home is unreachable. `ended`: by an
-        error. `closed`.
+        error, also after `close`. `closed`: by `close` or `promote`.
         """
         if self._error is not None:
             return "ended"
