@@ -23,6 +23,8 @@ NATIVE := $(shell find core bindings measure tests -name '*.?pp' -not -name '*.*
 CPP := $(shell find core bindings measure tests -name '*.?pp' -not -path '*/env/*' 2>/dev/null)
 # Address randomisation finer than GCC 12's ThreadSanitizer expects would stop it at start.
 FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
+# pip compiles the extension in this folder. The programs of C++ link the same core there.
+TREE = $(wildcard build/$(shell $(BIN)/python -c 'import sys; print("cp%d%d" % sys.version_info[:2])')-*)
 # The naive model is slow under sanitizers, and has one thread: `make test` draws more.
 ONE_SEED := TFDB_MODEL_SEEDS=1
 
@@ -33,7 +35,7 @@ ONE_SEED := TFDB_MODEL_SEEDS=1
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
 	@echo 'make test             C++ tests, interleaving walks, Python tests'
-	@echo 'make check            formatting, lint, types, warnings as errors'
+	@echo 'make check            formatting, lint, types, clang-tidy; every C++ program compiled'
 	@echo 'make measure          tfdb against its rivals, the goals, the paper'"'"'s sweeps: the figures in docs/;'
 	@echo '                      MEASURE=--quick in minutes, MEASURE="--only engines" for a part'
 	@echo 'make tsan | asan      C++ tests under sanitizers'
@@ -79,18 +81,19 @@ demo: $(STAMPS)/install
 
 test: test-cpp test-python
 
-test-cpp: $(STAMPS)/venv
-	$(CMAKE) --preset dev >/dev/null
-	$(CMAKE) --build --preset dev -j $(JOBS)
-	cd build/dev && ../../$(BIN)/ctest -E torture -j $(JOBS) --output-on-failure
-	build/dev/bin/torture_store_shared --seconds $(KILL_SECONDS)
-	build/dev/bin/torture_store_apply --seconds 3
-	build/dev/bin/torture_store_damage --seconds 6
+test-cpp: $(STAMPS)/install
+	$(CMAKE) -DTFDB_TESTS=ON $(TREE) >/dev/null
+	$(CMAKE) --build $(TREE) -j $(JOBS)
+	cd $(TREE) && ../../$(BIN)/ctest -E torture -j $(JOBS) --output-on-failure
+	$(TREE)/bin/torture_store_shared --seconds $(KILL_SECONDS)
+	$(TREE)/bin/torture_store_apply --seconds 3
+	$(TREE)/bin/torture_store_damage --seconds 6
 
 test-python: $(STAMPS)/dev
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --max-worker-restart 0 $(PYTEST)
 
-# Every program there is, with warnings as errors; `make test` then finds them built.
+# Every program there is; `make test` then finds them built. Warnings are errors if the environment of
+# the installation had TFDB_WERROR=ON, as in CI.
 # Every public name has a type that each checker takes for the same.
 # clang-tidy is not on PyPI for every platform: without it the rest is still checked, except in CI.
 # Tests and their kin, and the paths that its analyser walks, wait for `make proof`.
@@ -100,11 +103,11 @@ check: $(STAMPS)/dev
 	$(BIN)/mypy
 	PYTHONPATH=src $(BIN)/basedpyright --verifytypes tfdb --ignoreexternal
 	$(BIN)/clang-format --dry-run -Werror $(CPP)
-	$(CMAKE) --preset dev -DTFDB_WERROR=ON -DTFDB_BENCH=ON >/dev/null
-	$(CMAKE) --build --preset dev -j $(JOBS)
+	$(CMAKE) -DTFDB_TESTS=ON -DTFDB_BENCH=ON $(TREE) >/dev/null
+	$(CMAKE) --build $(TREE) -j $(JOBS)
 	$(BIN)/python tools/make_stubs.py --check
 	$(BIN)/python -m pytest -q tests/architecture
-	@if command -v clang-tidy >/dev/null; then $(BIN)/python tools/run_clang_tidy.py $(TIDY) build/dev; \
+	@if command -v clang-tidy >/dev/null; then $(BIN)/python tools/run_clang_tidy.py $(TIDY) $(TREE); \
 	elif [ "$$CI" = true ]; then echo 'clang-tidy is missing'; exit 1; \
 	else echo 'clang-tidy is missing: not run'; fi
 
@@ -139,10 +142,8 @@ asan-python: $(STAMPS)/dev
 # What `make test` walks with one preemption where a walk is long is walked to its end here, and what
 # `make check` leaves out is checked.
 proof: TIDY := --all
-proof: $(STAMPS)/venv check relacy tsan-engines histories torture
-	$(CMAKE) --preset dev >/dev/null
-	$(CMAKE) --build --preset dev -j $(JOBS) --target tfdb_sched
-	build/dev/bin/tfdb_sched --all
+proof: check relacy tsan-engines histories torture
+	$(TREE)/bin/tfdb_sched --all
 	TFDB_KILLS=200 $(BIN)/python -m pytest -q tests/recorder/test_killed.py
 	TFDB_NET_WORLDS=1000 TFDB_NET_CYCLES=200 $(BIN)/python -m pytest -q tests/net
 
@@ -152,18 +153,18 @@ relacy: $(STAMPS)/venv
 	for model in build/relacy/bin/relacy_*; do echo "$$model"; $$model || exit 1; done
 
 # By the clock, then also before a chosen store to shared memory.
-torture: $(STAMPS)/venv
-	for preset in dev torture; do \
-	    $(CMAKE) --preset $$preset >/dev/null && \
-	    $(CMAKE) --build --preset $$preset -j $(JOBS) \
-	        --target torture_store_shared torture_store_apply && \
-	    build/$$preset/bin/torture_store_apply --seconds $$(($(TORTURE_SECONDS) / 8)) && \
-	    build/$$preset/bin/torture_store_shared --seconds $$(($(TORTURE_SECONDS) / 2)) || exit 1; \
+torture: $(STAMPS)/install
+	$(CMAKE) -DTFDB_TESTS=ON $(TREE) >/dev/null
+	$(CMAKE) --preset torture >/dev/null
+	$(CMAKE) --preset asan-damage >/dev/null
+	for tree in $(TREE) build/torture; do \
+	    $(CMAKE) --build $$tree -j $(JOBS) --target torture_store_shared torture_store_apply && \
+	    $$tree/bin/torture_store_apply --seconds $$(($(TORTURE_SECONDS) / 8)) && \
+	    $$tree/bin/torture_store_shared --seconds $$(($(TORTURE_SECONDS) / 2)) || exit 1; \
 	done
-	for preset in dev asan-damage; do \
-	    $(CMAKE) --preset $$preset >/dev/null && \
-	    $(CMAKE) --build --preset $$preset -j $(JOBS) --target torture_store_damage && \
-	    build/$$preset/bin/torture_store_damage --seconds $$(($(TORTURE_SECONDS) / 4)) || exit 1; \
+	for tree in $(TREE) build/asan-damage; do \
+	    $(CMAKE) --build $$tree -j $(JOBS) --target torture_store_damage && \
+	    $$tree/bin/torture_store_damage --seconds $$(($(TORTURE_SECONDS) / 4)) || exit 1; \
 	done
 
 # Eight readers and two writers, processes that share a store: what they did is judged.

@@ -15,7 +15,7 @@ STRAY = [
     ".venv/bin/python",
     "myvenv/pyvenv.cfg",
     "env-of-mine/venv/lib/big.so",
-    "build/dev/bin/tfdb_tests",
+    "build/cp311-cp311-linux_x86_64/bin/tfdb_tests",
     "out/tree.png",
     "dist/tfdb-0.0.0.tar.gz",
     ".stamps/install",
