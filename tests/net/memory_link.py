@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tfdb.net.link import ALL
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from tfdb.net.link import Token
     from tfdb.net.messages import Question, Role
@@ -75,21 +75,23 @@ class MemoryLink:
         """See `Link`."""
         return self.declare(f"{name}/log", take)
 
-    def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
+    def serve(self, name: str, answer: Callable[[Question], Iterable[bytes]]) -> Declared:
         """See `Link`."""
         return self.declare(f"{name}/server", answer)
 
-    def ask(self, name: str, question: Question, done: Callable[[list[bytes]], None]) -> None:
+    def ask(self, name: str, question: Question, take: Callable[[bytes | None], None]) -> Request:
         """See `Link`."""
+        request = Request(take)
 
         def reply() -> None:
-            found: list[bytes] = []
             for link in self.reached():
                 for answer in list(link.declared[f"{name}/server"]):
-                    found += answer(question)
-            done(found)
+                    for message in answer(question):
+                        request.take(message)
+            request.end()
 
         self.network.calls.put(reply)
+        return request
 
     def announce(self, name: str, token: Token) -> Declared:
         """See `Link`."""
@@ -147,6 +149,27 @@ class MemoryLink:
         """See `Link`."""
         self.closed = True
         self.declared.clear()
+
+
+class Request:
+    """See `tfdb.net.link.Request`."""
+
+    def __init__(self, take: Callable[[bytes | None], None]) -> None:
+        self.pass_on: Callable[[bytes | None], None] | None = take
+
+    def take(self, message: bytes) -> None:
+        """Pass a message on, unless the request has ended."""
+        if self.pass_on is not None:
+            self.pass_on(message)
+
+    def check(self) -> None:
+        """No message of this network is late."""
+
+    def end(self) -> None:
+        """See `tfdb.net.link.Request`."""
+        pass_on, self.pass_on = self.pass_on, None
+        if pass_on is not None:
+            pass_on(None)
 
 
 class Declared:

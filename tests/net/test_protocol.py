@@ -235,7 +235,7 @@ def test_a_false_head_is_forgotten_when_the_home_answers(home: Sender) -> None:
 def test_parts_that_were_not_asked_for_are_not_kept(home: Sender) -> None:
     receiver = new_mirror()
     receiver.take(home.head(), 0.0)
-    for part in messages.state_messages(home.epoch, 11, b"x" * 300, limit=100)[:2]:
+    for part in messages.state_messages(home.epoch, 11, b"x" * 300, piece=100)[:2]:
         receiver.take(part, 0.0)
     assert receiver._parts == {}
     answered(receiver, home, 0.0)
@@ -277,7 +277,7 @@ def test_a_state_in_parts_is_applied_when_the_last_came(
     home: Sender, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        sending, "state_messages", lambda *each: messages.state_messages(*each, limit=100)
+        sending, "state_messages", lambda *each: messages.state_messages(*each, piece=100)
     )
     parts = home.answer(Question(home.epoch, None))[1:]
     assert len(parts) > 3
@@ -299,6 +299,31 @@ def test_a_state_in_parts_is_applied_when_the_last_came(
     receiver.answered(10.0)
     assert receiver.state == "live"
     assert state_of(receiver._buffer) == state_of(home._buffer)
+
+
+def test_an_answer_has_short_messages(home: Sender) -> None:
+    receiver = new_mirror(tfdb.Buffer(history=None))
+    receiver.take(home.head(), 0.0)
+    answered(receiver, home, 0.0)
+    write(home._buffer, 10_000)
+    _, *commits = home.answer(Question(home.epoch, 10, home.epoch))
+    assert len(commits) > 2
+    assert max(map(len, commits)) < 2 * messages.PIECE
+    for each in commits:
+        receiver.take_reply(each, 0.0)
+    assert receiver.position is not None
+    assert receiver.position.commit == home._buffer.commit
+    _, *parts = home.answer(Question(home.epoch, None))
+    assert len(parts) > 1
+    assert max(map(len, parts)) < 2 * messages.PIECE
+
+
+def test_a_large_state_has_no_more_parts_than_a_mirror_accepts(home: Sender) -> None:
+    state = bytes(10 * messages.MOST_PARTS + 1)
+    made = messages.state_messages(home.epoch, 1, state, piece=10)
+    parts = [messages.message_of(each) for each in made]
+    assert len(parts) <= messages.MOST_PARTS
+    assert b"".join(each.data for each in parts if isinstance(each, messages.Part)) == state
 
 
 def test_a_silent_home_and_one_without_its_token_are_stale(home: Sender) -> None:
@@ -411,7 +436,7 @@ def test_an_error_of_the_own_store_ends_the_mirror(home: Sender) -> None:
 def test_damaged_messages_change_nothing(home: Sender) -> None:
     write(home._buffer, 1)
     kept = [home.head(), home.next() or b"", *home.answer(Question(home.epoch, None))]
-    kept += messages.state_messages(home.epoch, 10, b"x" * 300, limit=100)
+    kept += messages.state_messages(home.epoch, 10, b"x" * 300, piece=100)
     receiver = new_mirror()
     count = 0
     for whole in kept:

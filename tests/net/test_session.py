@@ -9,7 +9,8 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -19,7 +20,11 @@ from tests.net.conftest import LONGEST, free_endpoint, needs_zenoh
 from tests.net.test_home_and_mirror import wait_for, wait_for_commit
 from tests.recorder.reading import state_of
 from tests.test_changes import pose
+from tfdb.net.messages import NONE, Question
 from tfdb.net.session import check_endpoints
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 pytestmark = needs_zenoh
 NAME = "robot1"
@@ -179,6 +184,41 @@ def test_a_session_maps_no_shared_memory_of_zenoh(how: str) -> None:
     command = [sys.executable, "-c", LARGE, free_endpoint(), how]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=True)
     assert done.stdout == "['base', 'map'] False\n"
+
+
+def test_each_message_of_an_answer_comes_when_it_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tfdb.net import zenoh_link
+
+    endpoint = free_endpoint()
+    came: SimpleQueue[bytes | None] = SimpleQueue()
+    goes_on, has_ended = threading.Event(), threading.Event()
+
+    def answer(_: Question) -> Iterator[bytes]:
+        yield b"head"
+        goes_on.wait(LONGEST)
+        yield b"state"
+        has_ended.set()
+
+    with tfdb.net.Session(listen=endpoint) as here, tfdb.net.Session(connect=endpoint) as there:
+        here.link.serve(NAME, answer)
+        there.link.ask(NAME, Question(NONE, None), came.put)
+        assert came.get(timeout=LONGEST) == b"head"
+        goes_on.set()
+        assert [came.get(timeout=LONGEST) for _ in range(2)] == [b"state", None]
+
+        goes_on.clear()
+        has_ended.clear()
+        request = there.link.ask(NAME, Question(NONE, None), came.put)
+        assert came.get(timeout=LONGEST) == b"head"
+        request.check()
+        assert came.empty()
+        monkeypatch.setattr(zenoh_link, "_PATIENCE", -1.0)
+        request.check()
+        request.end()
+        assert came.get(timeout=LONGEST) is None
+        goes_on.set()
+        assert has_ended.wait(LONGEST)
+    assert came.empty()
 
 
 def test_a_session_closes_in_a_cut() -> None:

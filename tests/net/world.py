@@ -19,8 +19,6 @@ from tfdb.net.receiving import Receiver
 from tfdb.net.sending import Sender, step_back, take_over
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from tfdb.net.messages import Question
 
 SOURCE = "robot1"
@@ -180,14 +178,11 @@ class World:
             receiver.take(what, self.now)
         elif kind == "token":
             (receiver.find_home if what[1] else receiver.lose_home)(what[0], self.now)
+        elif what:
+            receiver.take_reply(what[0], self.now)
+            self.flight.append((node.number, node.life, kind, what[1:]))
         else:
-            receiver.take_answer(self.each_checked(node, what), self.now)
-
-    def each_checked(self, node: Node, messages: list[bytes]) -> Iterator[bytes]:
-        """Pass the messages of an answer to a mirror, and check the mirror after each."""
-        for each in messages:
-            yield each
-            self.check(node)
+            receiver.answered(self.now)
 
     def answer(self, asker: Node, life: int, question: Question) -> None:
         """Send a request to all homes."""

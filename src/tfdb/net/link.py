@@ -11,7 +11,7 @@ from tfdb.data.stamps import shown
 from .messages import epoch_of_text, epoch_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from tfdb.data.types import Epoch
 
@@ -92,6 +92,16 @@ class Declared(Protocol):
         """End the declaration: no callback begins afterwards."""
 
 
+class Request(Protocol):
+    """A request that was sent. It ends once."""
+
+    def check(self) -> None:
+        """End it if no message has come for some seconds."""
+
+    def end(self) -> None:
+        """End it: no message of its answer comes any more, only None."""
+
+
 class Link(Protocol):
     """A network. Threads: any. Its own threads run callbacks, which must not wait."""
 
@@ -101,16 +111,16 @@ class Link(Protocol):
     def hear(self, name: str, take: Callable[[bytes], None]) -> Declared:
         """Call `take` with each message of the log."""
 
-    def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
-        """Answer requests; `answer` may wait."""
+    def serve(self, name: str, answer: Callable[[Question], Iterable[bytes]]) -> Declared:
+        """Answer requests; `answer` may wait, also between two messages."""
 
     def ask(
         self,
         name: str,
         question: Question,
-        done: Callable[[list[bytes]], None],
-    ) -> None:
-        """Send a request to all homes; call `done` once, with all answers."""
+        take: Callable[[bytes | None], None],
+    ) -> Request:
+        """Send a request to all homes; call `take` with each message of the answers, then None."""
 
     def announce(self, name: str, token: Token) -> Declared:
         """Publish a token until it is undeclared, or this process ends."""

@@ -17,6 +17,9 @@ Role: TypeAlias = "Literal['home', 'mirror']"
 COMMITS, STATE, HEAD, PART, STATUS = 1, 2, 3, 4, 5
 LIMIT = 1 << 20
 """Approximate maximum of the bytes in a message of commits or a part of a state."""
+PIECE = 1 << 16
+"""Approximate number of bytes in a message of an answer, which even a slow link carries in seconds.
+"""
 MOST_PARTS = 4096
 MOST_NUMBER = 1 << 63
 """Numbers of epochs are less than this, so each number has a successor."""
@@ -157,11 +160,12 @@ def head_bytes(head: Head) -> bytes:
     return _sealed(HEAD, head.epoch, body)
 
 
-def state_messages(epoch: Epoch, commit: int, state: bytes, limit: int = LIMIT) -> list[bytes]:
-    """Return a state as one message, or as parts of `limit` bytes each."""
-    if len(state) <= limit:
+def state_messages(epoch: Epoch, commit: int, state: bytes, piece: int = PIECE) -> list[bytes]:
+    """Return a state as one message, or as at most `MOST_PARTS` parts of `piece` bytes or more."""
+    if len(state) <= piece:
         return [state]
-    pieces = [state[at : at + limit] for at in range(0, len(state), limit)]
+    size = max(piece, -(-len(state) // MOST_PARTS))
+    pieces = [state[at : at + size] for at in range(0, len(state), size)]
     return [
         _sealed(PART, epoch, _PART.pack(commit, index, len(pieces)) + piece)
         for index, piece in enumerate(pieces)

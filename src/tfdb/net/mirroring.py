@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from tfdb.data.types import Epoch, Position
 
-    from .link import Declared, Link
+    from .link import Declared, Link, Request
     from .session import Session
 
 _MOST_WAITING = 1024
@@ -89,7 +89,9 @@ class Mirror(Closable):
         # Threads of the link append. The thread with the lock feeds the receiver.
         self._lock = threading.Lock()
         self._inbox: deque[bytes] = deque(maxlen=_MOST_WAITING)
-        self._answers: deque[list[bytes]] = deque()
+        self._request: Request | None = None
+        self._answers: deque[bytes | None] = deque()
+        """Messages of the answer to the request; None is its end."""
         self._tokens: deque[tuple[Token, bool]] = deque()
         self._owner = os.urandom(8).hex()
         self._token: Declared | None = None
@@ -303,8 +305,8 @@ class Mirror(Closable):
         self._tokens.append((token, alive))
         self._wake.set()
 
-    def _take_answer(self, messages: list[bytes]) -> None:
-        self._answers.append(messages)
+    def _take_answer(self, message: bytes | None) -> None:
+        self._answers.append(message)
         self._wake.set()
 
     def _report(self) -> bytes:
@@ -375,13 +377,20 @@ class Mirror(Closable):
     def _step(self) -> float:
         """Process the inbox and send due requests; return the seconds until the next step."""
         receiver = self._receiver
+        if self._request is not None:
+            self._request.check()
         with self._lock:
             while self._tokens:
                 token, alive = self._tokens.popleft()
                 told = receiver.find_home if alive else receiver.lose_home
                 told(token.epoch, time.monotonic())
             while self._answers:
-                receiver.take_answer(self._answers.popleft(), time.monotonic())
+                message = self._answers.popleft()
+                if message is None:
+                    self._request = None
+                    receiver.answered(time.monotonic())
+                else:
+                    receiver.take_reply(message, time.monotonic())
             self._feed()
             receiver.tick(time.monotonic())
             question = receiver.question(time.monotonic())
@@ -394,7 +403,7 @@ class Mirror(Closable):
         if known != self._announced:
             self._announce(known)
         if question is not None:
-            self._link.ask(self._name, question, self._take_answer)
+            self._request = self._link.ask(self._name, question, self._take_answer)
         return left
 
     def _announce(self, known: Epoch) -> None:
@@ -406,6 +415,8 @@ class Mirror(Closable):
 
     def _leave(self) -> None:
         self._applier.follow(None)
+        if self._request is not None:
+            self._request.end()
         for each in self._declared:
             each.undeclare()
         self._declared.clear()

@@ -84,6 +84,7 @@ class Receiver:
         self.newest: int = 0
         """The largest received commit number of the epoch `known`."""
         self._head: Head | None = None
+        self._head_of_answer: Head | None = None
         self._heard = -math.inf
         self._is_gone = False
         self._waiting: deque[Commits] = deque()
@@ -103,14 +104,16 @@ class Receiver:
 
     def take_answer(self, messages: Iterable[bytes], now: float) -> None:
         """Process all messages of an answer. Raises errors that end the mirror."""
-        before = self._head
         for each in messages:
-            self.take(each, now)
-        head = None if self._head is before else self._head
-        # The request followed `newest`: if the home has less, another program sent that.
-        if head is not None and head.commit < self.newest == self._newest_asked:
-            self.newest = head.commit
+            self.take_reply(each, now)
         self.answered(now)
+
+    def take_reply(self, data: bytes, now: float) -> None:
+        """Process a message of an answer. Raises errors that end the mirror."""
+        before = self._head
+        self.take(data, now)
+        if self._head is not before and self._head is not None:
+            self._head_of_answer = self._head
 
     def take(self, data: bytes, now: float) -> None:
         """Process a message of the log or of an answer. Raises errors that end the mirror."""
@@ -152,6 +155,10 @@ class Receiver:
 
     def answered(self, now: float) -> None:
         """Note that the answer to the request is complete, possibly empty."""
+        head, self._head_of_answer = self._head_of_answer, None
+        # The request followed `newest`: if the home has less, another program sent that.
+        if head is not None and head.commit < self.newest == self._newest_asked:
+            self.newest = head.commit
         self._pause = 0.0 if self._asked != self._place() else self._longer()
         self._ask_at = now + self._pause
         self._asked = None
@@ -243,7 +250,8 @@ class Receiver:
             if epoch == self._buffer.epoch:
                 text = f"the home of {self._source!r} publishes this same store: "
                 raise InvalidArgument(f"{text}mirror it into another store")
-            self.known, self.newest, self._head = epoch, 0, None
+            self.known, self.newest = epoch, 0
+            self._head = self._head_of_answer = None
             self._waiting.clear()
             self._waiting_bytes = 0
             self._parts.clear()

@@ -11,7 +11,7 @@ from tfdb.data.errors import FeedLapped, Gone, InvalidArgument
 from tfdb.data.sample_heads import numbers_of
 from tfdb.data.types import Epoch, Position
 
-from .messages import LIMIT, MOST_NUMBER, NONE, Head, head_bytes, in_epoch, state_messages
+from .messages import LIMIT, MOST_NUMBER, NONE, PIECE, Head, head_bytes, in_epoch, state_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -146,11 +146,23 @@ class Sender:
         since = self._since(question)
         if since is not None:
             with suppress(FeedLapped, Gone, InvalidArgument):
-                data = self._buffer.commits_bytes(since, max_commits=_ALL, max_bytes=LIMIT)
-                return [self.head(), *([self._sample(data)] if data else [])]
+                return [self.head(), *self._commits_after(since)]
         with self._buffer.snapshot() as snap:
             state = self._sample(snap.state_bytes())
         return [self.head(), *state_messages(self.epoch, snap.commit, state)]
+
+    def _commits_after(self, since: int) -> list[bytes]:
+        """Return messages of at most about `LIMIT` bytes. Raises FeedLapped, Gone."""
+        found: list[bytes] = []
+        size = 0
+        while size < LIMIT:
+            data = self._buffer.commits_bytes(since, max_commits=_ALL, max_bytes=PIECE)
+            if not data:
+                break
+            since = numbers_of(data)[1]
+            size += len(data)
+            found.append(self._sample(data))
+        return found
 
     def _since(self, question: Question) -> int | None:
         """Return the commit of this home that equals the mirror's position. None: none does."""

@@ -20,7 +20,7 @@ from .link import CONNECT_MS, ask_key, log_key, name_of, status_key, token_of, t
 from .messages import question_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from .link import Declared, Token
     from .messages import Question, Role
@@ -32,7 +32,9 @@ _MOST_QUESTIONS = 64
 """Number of further requests that wait. Beyond it requests are ignored, and mirrors repeat them."""
 _SHARED_MEMORY = "transport/shared_memory/enabled"
 _PATIENCE = 5.0
-"""Seconds to wait for an answer."""
+"""Seconds to wait for an answer, or for its next message."""
+_LONGEST_ANSWER = 3600.0
+"""Seconds after which a request ends even if messages of its answer still come."""
 _LAST_CALLS = 5.0
 """Seconds to wait for running calls when a session is closed."""
 
@@ -178,7 +180,7 @@ class ZenohLink:
         declare = self._data.declare_subscriber
         return self._declared(self._call(declare, log_key(name), self._direct(heard)))
 
-    def serve(self, name: str, answer: Callable[[Question], list[bytes]]) -> Declared:
+    def serve(self, name: str, answer: Callable[[Question], Iterable[bytes]]) -> Declared:
         """See `Link`."""
 
         def asked(query: zenoh.Query) -> None:
@@ -194,7 +196,7 @@ class ZenohLink:
         declare = self._data.declare_queryable
         return self._declared(*(declare(key, self._direct(asked)) for key in keys))
 
-    def _answer(self, query: zenoh.Query, answer: Callable[[Question], list[bytes]]) -> None:
+    def _answer(self, query: zenoh.Query, answer: Callable[[Question], Iterable[bytes]]) -> None:
         try:
             found = query.parameters
             question = question_of(*(found.get(each) for each in ("since", "of", "epoch")))
@@ -206,22 +208,18 @@ class ZenohLink:
             query.drop()
             self._waiting.release()
 
-    def ask(self, name: str, question: Question, done: Callable[[list[bytes]], None]) -> None:
+    def ask(self, name: str, question: Question, take: Callable[[bytes | None], None]) -> _Request:
         """See `Link`."""
-        came: list[bytes] = []
-
-        def take(reply: zenoh.Reply) -> None:
-            if reply.ok is not None:
-                came.append(reply.ok.payload.to_bytes())
-
+        request = _Request(take)
         self._call(
             self._data.get,
             f"{ask_key(name, state=question.since is None)}?{question}",
-            zenoh.handlers.Callback(take, lambda: done(came), indirect=False),
+            zenoh.handlers.Callback(request.take, request.end, indirect=False),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=_PATIENCE,
+            timeout=_LONGEST_ANSWER,
         )
+        return request
 
     def announce(self, name: str, token: Token) -> Declared:
         """See `Link`."""
@@ -372,6 +370,37 @@ def _token(sample: zenoh.Sample) -> Token | None:
         return token_of(str(sample.key_expr))
     except ValueError:
         return None  # an answer of another program
+
+
+class _Request:
+    """See `Request`. Threads: any."""
+
+    def __init__(self, take: Callable[[bytes | None], None]) -> None:
+        self._take: Callable[[bytes | None], None] | None = take
+        self._lock = threading.Lock()
+        self._came = time.monotonic()
+
+    def take(self, reply: zenoh.Reply) -> None:
+        """Pass a message on, unless the request has ended."""
+        if reply.ok is None:
+            return
+        data = reply.ok.payload.to_bytes()
+        with self._lock:
+            self._came = time.monotonic()
+            if self._take is not None:
+                self._take(data)
+
+    def check(self) -> None:
+        """See `Request`."""
+        if time.monotonic() - self._came > _PATIENCE:
+            self.end()
+
+    def end(self) -> None:
+        """See `Request`."""
+        with self._lock:
+            take, self._take = self._take, None
+            if take is not None:
+                take(None)
 
 
 class _Declared:
