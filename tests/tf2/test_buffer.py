@@ -403,6 +403,71 @@ def test_the_thread_that_stores_a_transform_settles_its_futures(
         assert plain(future.result())[1] == child
 
 
+class Cleared(tf2.Buffer):
+    """Another thread clears it before the next lookup."""
+
+    clears = 0
+
+    def lookup_transform_core(self, *asked: Any) -> Any:
+        self.lose()
+        return super().lookup_transform_core(*asked)
+
+    def lookup_transform_full_core(self, *asked: Any) -> Any:
+        self.lose()
+        return super().lookup_transform_full_core(*asked)
+
+    def lose(self) -> None:
+        if self.clears:
+            self.clears -= 1
+            self.clear()
+
+
+FUTURES: dict[str, Callable[[tf2.Buffer, Any], Any]] = {
+    "wait": lambda b, t: b.wait_for_transform_async("map", "base", seconds(2), t),
+    "wait_full": lambda b, t: b.wait_for_transform_full_async(
+        "map", seconds(2), "base", seconds(2), "map", t
+    ),
+}
+
+
+@pytest.mark.parametrize("timeout", [None, FOREVER])
+@pytest.mark.parametrize("way", FUTURES)
+def test_a_future_waits_again_if_its_transform_is_cleared(way: str, timeout: float | None) -> None:
+    with Cleared(flavor="ros2") as buffer:
+        store(buffer, 2)
+        buffer.clears = 1
+        future = FUTURES[way](buffer, timeout)
+        assert not future.done()
+        buffer.clears = 1
+        store(buffer, 2)
+        assert not future.done()
+        store(buffer, 2)
+        assert plain(future.result())[3] == pytest.approx(POSE)
+        tellers = tfdb.store.waiting._tellers.values()
+        assert all(not teller.waits for teller in tellers if teller.buffer is buffer.buffer)
+
+
+def test_a_future_times_out_after_its_transform_was_cleared() -> None:
+    with Cleared(flavor="ros2") as buffer:
+        future = buffer.wait_for_transform_async("map", "base", seconds(2), 0.05)
+        buffer.clears = 1
+        store(buffer, 2)
+        with pytest.raises(tf2.TimeoutException):
+            future.result(FOREVER)
+
+
+def test_a_lookup_of_the_program_s_own_that_always_fails_ends_its_future() -> None:
+    class Own(tf2.Buffer):
+        def lookup_transform_core(self, *_: Any) -> Any:
+            raise tf2.LookupException("no")
+
+    with Own(flavor="ros2") as buffer:
+        future = buffer.wait_for_transform_async("map", "base", seconds(2))
+        store(buffer, 2)
+        with pytest.raises(tf2.LookupException, match="no"):
+            future.result()
+
+
 def test_a_coroutine_without_a_loop_is_done_after_the_transform(buffer: tf2.Buffer) -> None:
     """As upstream's tests run them."""
     for coroutine in (

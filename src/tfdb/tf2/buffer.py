@@ -42,6 +42,8 @@ __all__ = ["Buffer"]
 
 # Errors that a later transform may resolve.
 NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
+_MOST_TRIES = 100
+"""Largest number of successive lookups for a future, if another thread clears the buffer."""
 
 
 class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
@@ -432,7 +434,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
     def _future(self, question: Question | Full, ask: Callable[[], Any], timeout: Any) -> Any:
         """Make a future for the result or error of a lookup, which `ask` makes."""
         limit = None if timeout is None else self._limit(timeout)
-        held: list[Any] = []  # the wait, and its timer
+        held: list[Any] = []  # its waits, and the timer
 
         def release() -> None:
             for one in held:
@@ -440,30 +442,54 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
 
         future, loop = future_of_caller(self.clock, release, ros2=self.flavor == "ros2")
 
+        def hold(one: Any) -> None:
+            held.append(one)
+            if future.done():  # it ended before `held` had this one
+                release()
+
+        def answer_or_wait() -> Any:
+            """Return the transform or an error. None: a wait has begun."""
+            answer: Any = None
+            for _ in range(_MOST_TRIES):
+                try:
+                    wait = self._begin(question, tell, loop)
+                except errors.TfdbError as error:
+                    return error
+                if wait is not None:
+                    hold(wait)
+                    return None
+                try:
+                    return ask()
+                except NO_ANSWER_YET as error:  # another thread has cleared the buffer since
+                    answer = error
+                except Exception as error:
+                    return error
+            return answer
+
         def tell(how: waiting.End) -> None:
             try:
                 waiting.check(self.buffer, how)
                 answer = ask()
+            except NO_ANSWER_YET as error:
+                answer = answer_or_wait() if how == waiting.CAME else error
             except Exception as error:
                 answer = error
-            complete(future, answer)
-            if len(held) > 1:
-                release()
+            finish(answer)
+
+        def finish(answer: Any) -> None:
+            if answer is not None:
+                complete(future, answer)
+                if len(held) > 1:
+                    release()
 
         try:
             _check_possible(question)
-            wait = self._begin(question, tell, loop)
         except errors.TfdbError as error:
             complete(future, error)
             return future
-        if wait is None:
-            tell(0)
-            return future
-        held.append(wait)
-        if limit is not None:
-            held.append(self._timer(question, ask, limit, future, loop, wait))
-            if future.done():  # the future ended before the timer existed
-                release()
+        finish(answer_or_wait())
+        if limit is not None and not future.done():
+            hold(self._timer(question, ask, limit, future, loop, release))
         return future
 
     def _timer(
@@ -473,18 +499,18 @@ class Buffer(BufferCalls, BufferCore, BufferInterface, Closable):
         limit: int,
         future: Any,
         loop: Any,
-        wait: waiting.Wait,
+        release: Callable[[], None],
     ) -> Any:
         """Let a future raise TimeoutException after that many nanoseconds."""
         began = monotonic_ns()
 
         def called() -> None:
-            wait.cancel()
             try:
                 answer = ask()
             except Exception as error:
                 answer = self._late(question, limit, began, error)
             complete(future, answer)
+            release()
 
         def called_in_loop() -> None:
             loop.call_soon_threadsafe(called)
