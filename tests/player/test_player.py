@@ -304,6 +304,20 @@ def test_the_later_player_takes_over(recording: Path) -> None:
     assert store.positions() == []
 
 
+def test_no_reader_sees_an_empty_store_when_a_player_takes_over(recording: Path) -> None:
+    store = tfdb.Buffer(HISTORY)
+    with playing(recording, store, speed=float("inf")) as (_, thread):
+        thread.join(LONGEST)
+    with store.snapshot() as held:
+        with playing(recording, store, paused=True) as (player, _):
+            settled(player)
+            assert player.position == messages()[0].received
+        assert states(store) == expected(messages()[0].received)
+        for changes in store.changes(held.commit):
+            with held.at(changes.commit) as state:
+                assert any(info.samples for info in state.tree())
+
+
 def test_played_frames_are_read_only_until_the_player_ends(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
     with playing(recording, store, paused=True):

@@ -163,8 +163,8 @@ class Player:
         RecordingError
             The recording is damaged.
         """
-        self._begin()
         try:
+            self._begin()
             while not self._has_ended:
                 if not self._orders.empty():
                     self._obey()
@@ -190,14 +190,24 @@ class Player:
                 self._clock.follow_system()
 
     def _begin(self) -> None:
+        """Replace the data of an earlier player by the first message, in one commit."""
         self._store.forget_source(SOURCE)  # its clock may have been ahead
-        if self._store.commit or self._played.commit:
-            self._show()
         self._states = [(-1, self._tape.keep(self._played))]
         self._parts = self._tape.parts(*self._states[0])
-        if not self._has_clock or not self._prepare():
+        has_message = self._read_on()
+        due = self._due
+        if has_message:
+            self._position = self._next or 0
+            if due > self._clock.now():  # the store never has a message after the clock
+                self._set_clock(due)
+        if self._store.commit or self._played.commit:
+            self._show()
+        if not has_message:
             return
-        self._set_clock(self._due)
+        self._go_on()
+        if not self._has_clock:
+            return
+        self._set_clock(due)
         self._clock.speed = self._speed
         if self._begins_paused:
             self._clock.pause()
@@ -232,8 +242,16 @@ class Player:
             self._every *= 2
 
     def _prepare(self) -> bool:
-        """Read up to the next message with a stored transform. False: the tape has ended."""
+        """Read on, and set the clock if the message takes no time. False: the tape has ended."""
         takes_no_time = self._tape.takes_no_time
+        if not self._read_on():
+            return False
+        if takes_no_time:
+            self._set_clock(self._due)
+        return True
+
+    def _read_on(self) -> bool:
+        """Read up to the next message with a stored transform. False: the tape has ended."""
         for part in self._parts:
             self._first = part.received if self._first is None else self._first
             if self._is_state_due(self._read, part.received):
@@ -242,8 +260,6 @@ class Player:
             self._tape.store([part], self._played, self.tally)
             if self._played.commit > self._held.commit:
                 self._next = part.received
-                if takes_no_time:
-                    self._set_clock(self._due)
                 return True
         return False
 
@@ -279,6 +295,10 @@ class Player:
             self._applied = self._store.apply(data, source=SOURCE)
             copied = self._applied.commit
         self._hold()
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Count the message that the store has now."""
         self._count += 1
         self._times.append(self._position)
         self._next = None
