@@ -298,6 +298,32 @@ def test_a_promoted_home_keeps_the_commits_that_it_loses(links: Links, tmp_path:
     home.close()
 
 
+def test_a_home_keeps_its_state_if_no_message_of_the_later_home_comes(
+    links: Links, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tfdb.net.home._LAST_WORD", 0.0)
+    source, spare = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    home = new_home(source, links())
+    mirror = Mirror(spare, NAME, links())
+    mirror.wait_until_live(LONGEST)
+    lost = tmp_path / "lost"
+    with mirror.promote(keep_lost=lost) as promoted:
+        spare.set_transform("map", "alone", 10, *pose(2))
+        last = spare.commit
+        link = links()
+        token = link.announce(NAME, Token("home", epoch_after(promoted.epoch)))
+        event = wait_for(promoted.events(), "fenced")
+        assert (event.before, event.after) == (None, (promoted.epoch, last))
+        said = f"this home stopped at commit {last}. {lost} has the whole state. No message"
+        assert said in event.text
+        copy = tfdb.Buffer()
+        copy.apply(lost.read_bytes())
+        assert state_of(copy) == state_of(spare)
+        token.undeclare()
+    home.close()
+
+
 def test_a_promoted_home_that_was_killed_goes_on_as_a_mirror(links: Links) -> None:
     link, spare, other = links(), tfdb.Buffer(), tfdb.Buffer()
     source = tfdb.Buffer()

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     "--keep-lost",
     metavar="FILE",
     help="If a later home takes over, write the commits that it lacks to this new file. If some of"
-    " them are no longer kept, write the state.",
+    " them are unknown or no longer kept, write the state.",
 )
 @network_options
 @common.json_lines_option

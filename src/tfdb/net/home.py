@@ -255,17 +255,19 @@ class Home(Closable):
             later = heard[-1].epoch
         forks = [each.fork for each in heard if each.previous == self.epoch]
         fork = forks[-1] if forks else None
-        text = (
-            self._end_writes() if heard else "No message of it arrived, so the store stays writable"
-        )
+        has_ended, text = False, "No message of the later home arrived: the store stays writable"
+        if heard:
+            has_ended, text = self._end_writes()
         commit = self._buffer.commit
         found = [each for each in self._buffer.positions() if each.source == self._name]
-        if found and found[0].epoch == self.epoch:
-            commit = found[0].commit
+        if has_ended and found and found[0].epoch == self.epoch:
+            commit = found[0].commit  # otherwise it is that of the promotion
         elif found and found[0].epoch > self.epoch:  # this store has no lost commits
             fork = commit
         if fork is not None and fork < commit:
             text = f"only this store has the commits after {fork}. {self._keep(fork)}{text}"
+        elif fork is None and not heard:
+            text = f"{self._keep(None)}{text}"
         text = f"this home stopped at commit {commit}. {text}"
         text = f"a later home exists or existed (epoch {later.number}): {text}"
         before = None if fork is None else (self.epoch, fork)
@@ -297,31 +299,37 @@ class Home(Closable):
         hearing.undeclare()
         return sorted(heard)
 
-    def _end_writes(self) -> str:
-        """Make the store read-only, as a mirror's; return a text about it."""
+    def _end_writes(self) -> tuple[bool, str]:
+        """Make the store read-only, as a mirror's; return whether it is, and a text about it."""
         try:
             if self._buffer._hand_over(self._name, "adopt", self.epoch) is None:
-                return "The later home publishes the same store, which stays writable"
+                return False, "The later home publishes the same store, which stays writable"
         except TfdbError as error:  # such as a frozen store, or a store with other sources
-            return f"The store stays unchanged: {error}"
-        return "Its frames are read-only"
+            return False, f"The store stays unchanged: {error}"
+        return True, "Its frames are read-only"
 
-    def _keep(self, fork: int) -> str:
-        """Write the lost commits to the chosen file; return a text about it."""
+    def _keep(self, fork: int | None) -> str:
+        """Write the lost commits to the chosen file; return a text about it.
+
+        None: it is not known which they are.
+        """
         if self._keep_lost is None:
             return ""
         try:
-            try:
-                data = self._buffer.commits_bytes(fork, max_commits=_ALL, max_bytes=_ALL)
-                what = "them"
-            except (FeedLapped, Gone):
+            data, what = b"", "the whole state"
+            if fork is not None:
+                try:
+                    data = self._buffer.commits_bytes(fork, max_commits=_ALL, max_bytes=_ALL)
+                    what = "them"
+                except (FeedLapped, Gone):
+                    what += ", because not all of them are kept any more"
+            if not data:
                 with self._buffer.snapshot() as snap:
                     data = snap.state_bytes()
-                what = "the whole state, because not all of them are kept any more"
             with new_file(self._keep_lost) as path:
                 path.write_bytes(in_epoch(data, self.epoch))
         except (OSError, TfdbError) as error:
-            return f"They could not be written: {error}. "
+            return f"{self._keep_lost} could not be written: {error}. "
         return f"{self._keep_lost} has {what}. "
 
     def _leave(self) -> None:
@@ -409,7 +417,8 @@ def publish(
     keep_lost
         Name of a new file, or None. If a mirror of this home is promoted and this home then stops,
         the commits that the later home lacks are written to the file, as bytes for `apply`. If the
-        feed or the history no longer has all of them, the state of the store is written.
+        feed or the history no longer has all of them, or if no message of the later home arrives,
+        the state of the store is written.
 
     Returns
     -------
