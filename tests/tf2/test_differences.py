@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import logging
 import math
+import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from compat.tf2_oracle import unavailable
 from tf2 import (
     real_tf2,
     test_exports,
@@ -146,6 +148,30 @@ CASES = {
 OF_ROS2 = {"same_stamp", "stamps", "pruning"}
 OF_FUTURES = {"future_result", "future_before", "future_loop"}
 """Shown in tests/ros/in_ros2/future_cases.py and test_buffer.py."""
+OF_CLOCKS = {"clock_back"}
+CLOCK_BACK = """
+import itertools, threading
+import rospy, tf2_ros
+from rospy import rostime
+
+rostime.set_rostime_initialized(True)
+rostime._set_rostime(rospy.Time(100))
+ended = threading.Event()
+
+def go_back():
+    for step in itertools.count(1):
+        if ended.is_set():
+            return
+        rostime._set_rostime(rospy.Time(100) - rospy.Duration(0, step))
+
+threading.Thread(target=go_back).start()
+try:
+    tf2_ros.Buffer(debug=False).can_transform("map", "base", rospy.Time(1), rospy.Duration(5))
+except rospy.ROSInterruptException as error:
+    print(type(error).__name__)
+finally:
+    ended.set()
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -210,9 +236,20 @@ def test_of_ros2() -> None:
     assert core.can_transform_core("a", "b", 16 * SECOND)[0] == 0
 
 
+def test_clock_back() -> None:
+    """test_buffer.py shows that a wait of tfdb continues, or ends as at its timeout."""
+    if real_tf2.missing():
+        unavailable(f"no real tf2: {real_tf2.missing()}; apt-get install python3-tf2-ros")
+    command = [real_tf2.PYTHON, "-c", CLOCK_BACK]
+    done = subprocess.run(
+        command, env=real_tf2.ENVIRONMENT, capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "ROSTimeMovedBackwardsException\n"
+
+
 def test_every_listed_difference_is_shown() -> None:
     modules = (test_exports, test_real_conversions, test_tf1, test_wrong_arguments)
     shown = (module.SHOWN for module in modules)
-    assert set(DIFFERENCES) == {*CASES, *OF_ROS2, *OF_FUTURES}.union(*shown)
+    assert set(DIFFERENCES) == {*CASES, *OF_ROS2, *OF_FUTURES, *OF_CLOCKS}.union(*shown)
     for name, each in DIFFERENCES.items():
         assert all((each.tf2, each.ours, each.reason)), name

@@ -129,6 +129,13 @@ DIFFERENCES: dict[str, Difference] = {
         "the loop sleeps until the transform arrives",
         "tfdb does not poll",
     ),
+    "clock_back": Difference(
+        "[1] if simulated time goes back during a wait, rospy raises "
+        "ROSTimeMovedBackwardsException",
+        "the wait continues; if the time goes back by more than 3 s, the wait ends as at its "
+        "timeout",
+        "tf2 intends this, but rospy.sleep raises first",
+    ),
     "nanoseconds": Difference(
         "[1] times pass through float seconds, which loses up to 120 ns",
         "integers throughout",
