@@ -1,13 +1,14 @@
 """ROS 1 bags (http://wiki.ros.org/Bags/Format/2.0).
 
-With the index at the end of the file, only chunks with selected messages are read. Without it
-(`salvage`) the file is scanned from its beginning.
+With the index at the end of the file, only chunks with selected messages are read. `salvage` scans
+the file from its beginning. After damage it continues with the next record that it finds: within a
+chunk a message, between chunks a chunk.
 """
 
 from __future__ import annotations
 
+import re
 import struct
-from bisect import bisect_right
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, NoReturn
@@ -26,18 +27,22 @@ from .containers import (
     typed_errors,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
+from .record_search import REACH, Chunk, find_record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
     from .containers import Payload
+    from .record_search import Bytes
 
     Fields = dict[bytes, bytes]
 
 _FIRST_RECORD = len("#ROSBAG V2.0\n")
 _MESSAGE, _HEADER, _COUNTS, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_INNER, _OUTER = (_MESSAGE, _CONNECTION), (_COUNTS, _CHUNK)
 _KINDS = (_HEADER, _CHUNK, _CONNECTION, _COUNTS, _CHUNK_INFO)
+_KIND_FIELD = re.compile(rb"\x04\0{3}op=")
 # Bytes of each message in the index of a chunk.
 _COUNTED = 12
 _HINT = "`rosbag reindex` or salvage=True (--salvage) may save the rest"
@@ -141,7 +146,7 @@ def _salvaged(path: Path, file: RawFile) -> Container:
     except (BadDataError, struct.error, UnicodeDecodeError) as error:
         index, reason = _Index(), error
     connections = dict(index.connections)
-    gathered = _gather(file, connections, [chunk.position for chunk in index.chunks])
+    gathered = _gather(file, connections)
     missing = _index_position(file) - file.size
     if reason is not None and missing > 0 and not gathered.reasons:
         gathered.lose(missing, f"cut short between two records: {reason}")
@@ -273,8 +278,8 @@ def _unpacked_size(chunk: _Record) -> int:
     return _number(chunk.fields, b"size", 4)
 
 
-def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int]) -> Gathered:
-    """Scan the records of the file; after damage, continue with the next known chunk.
+def _gather(file: RawFile, connections: dict[int, _Connection]) -> Gathered:
+    """Scan the records of the file; after damage, continue with the next chunk.
 
     Adds the connections that it finds to the known ones.
     """
@@ -285,34 +290,69 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
         id_, connection = _number(fields, b"conn", 4), _connection(fields, data)
         if connections.setdefault(id_, connection) != connection:
             found.lose(0, f"connection {id_} is declared again, on {connection.topic!r}")
-            if id_ not in walked:  # the index at the end of the file was read first
+            # The index at the end of the file was read first. A damaged type is not readable.
+            if id_ not in walked and is_read_type(connection.type):
                 connections[id_] = connection
         walked.add(id_)
 
     def wanted(id_: int) -> bool:
-        return id_ in connections and is_read_type(connections[id_].type)
+        # The declaration of an unknown connection may come later.
+        return id_ not in connections or is_read_type(connections[id_].type)
 
-    starts = sorted(chunks)
-    at = _FIRST_RECORD
+    at = since = _FIRST_RECORD  # the size of the record at `since` may be wrong
     while at < file.size:
         try:
             record = _record(file, at, *_KINDS)
-            kind = record.kind
+            kind, following = record.kind, record.end
             if kind == _CHUNK:
-                _gather_chunk(file, record, found, wanted, learn)
+                if not _gather_chunk(file, record, found, wanted, learn):  # its size may be wrong
+                    following = _next_chunk(file, record.at, min(record.end, file.size))
             elif record.end > file.size:
-                found.lose(file.size - at, f"cut short in the middle of a record at {at}")
+                _refuse_cut(at)
             elif kind == _CONNECTION:
                 learn(record.fields, file.read(record.at, record.size))
             elif kind == _COUNTS:
                 found.promised[_number(record.fields, b"conn", 4)] += _counted(record)
-            at = record.end
         except (BadDataError, struct.error, UnicodeDecodeError) as error:
-            place = bisect_right(starts, at)
-            following = starts[place] if place < len(starts) else file.size
+            following = _next_chunk(file, since + 1, file.size)
             found.lose(following - at, error)
             at = following
+        since, at = at, following
     return found
+
+
+def _refuse_cut(at: int) -> NoReturn:
+    raise BadDataError(f"cut short in the middle of a record at {at}")
+
+
+def _next_chunk(file: RawFile, at: int, end: int) -> int:
+    """Return the first position in a range at which a chunk begins; `end` without one."""
+
+    def start_of(place: int) -> int | None:
+        start = _start_of(file, place)
+        try:
+            is_chunk = start is not None and _unpacked_size(_record(file, start, _CHUNK)) >= 0
+        except (BadDataError, struct.error):
+            return None
+        return start if is_chunk else None
+
+    return find_record(file, _KIND_FIELD, at, end, start_of)
+
+
+def _start_of(data: Bytes, place: int) -> int | None:
+    """Return the start of the record whose header has the field of its kind at a position."""
+    first = max(0, place - REACH)
+    before = bytes(data.read(first, place - first))
+    for at in range(len(before) - 4, -1, -1):
+        (size,) = _u32(before, at)
+        if place + 8 <= first + at + 4 + size <= min(data.size, place + REACH):
+            header = bytes(data.read(first + at + 4, size))
+            try:
+                if b"op" in _fields(header):
+                    return first + at
+            except (BadDataError, struct.error):
+                continue
+    return None
 
 
 def _counted(record: _Record) -> int:
@@ -329,32 +369,67 @@ def _gather_chunk(
     found: Gathered,
     wanted: Callable[[int], bool],
     learn: Callable[[Fields, bytes], None],
-) -> None:
+) -> bool:
+    """Read the messages of a chunk that may be damaged; return whether it is not."""
     there = min(record.size, file.size - record.at)
     packed = file.read(record.at, there)
-    size = _unpacked_size(record)
+    packing, size = _packing(record), _unpacked_size(record)
+    reasons = len(found.reasons)
     reason: object = None
     try:
-        raw = unpack(_packing(record), packed, size)
+        raw = unpack(packing, packed, size)
     except BadDataError as error:
-        raw, reason = unpack_the_start(_packing(record), packed, size), error
+        raw, reason = unpack_the_start(packing, packed, size) if packing else packed, error
     if there < record.size:
         reason = f"cut short in the middle of a chunk of {record.size} bytes"
-    read = found.take(_messages_in(raw, wanted, learn), len(raw))
-    if reason is not None or read < len(raw):
-        found.lose(size - read, reason or f"a chunk ends early, at {read}")
+    if reason is not None:
+        found.lose(size - len(raw), reason)
+    at = 0
+    while (broken := found.take(_messages_in(raw, wanted, learn, at), len(raw))) < len(raw):
+        # Damage of compressed data spreads, so nothing behind it is used.
+        at = len(raw) if packing else _next_inner(raw, broken)
+        found.lose(at - broken, f"a chunk ends early, at {broken}")
+    return len(found.reasons) == reasons
+
+
+def _next_inner(raw: bytes, broken: int) -> int:
+    """Return the position of the next record of a chunk, after a broken one; its end without one.
+
+    A record that belongs between chunks shows that the chunk has ended.
+    """
+
+    def kind_at(place: int) -> int:
+        try:
+            (size,) = _u32(raw, place)
+            header = raw[place + 4 : place + 4 + size]
+            return _number(_fields(header), b"op", 1) if len(header) == size else 0
+        except (BadDataError, struct.error):
+            return 0
+
+    def start_of(place: int) -> int | None:
+        start = _start_of(chunk, place)
+        return start if start is not None and kind_at(start) in (*_INNER, *_OUTER) else None
+
+    if kind_at(broken) in _OUTER:
+        return len(raw)
+    chunk = Chunk(raw)
+    found = find_record(chunk, _KIND_FIELD, broken + 1, len(raw), start_of)
+    return found if kind_at(found) in _INNER else len(raw)
 
 
 # -- inside of a chunk ----------------------------------------------------------------------------
 
 
 def _messages_in(
-    raw: bytes, wanted: Callable[[int], bool], learn: Callable[[Fields, bytes], None]
+    raw: bytes,
+    wanted: Callable[[int], bool],
+    learn: Callable[[Fields, bytes], None],
+    at: int = 0,
 ) -> Iterator[Payload]:
-    """Return the selected messages of a chunk in its order; add its connections."""
+    """Return the selected messages of a chunk from `at` on, in its order; add its connections."""
     # Headers of one connection's messages differ only in the time, which comes last.
     known: dict[bytes, int] = {}
-    at, end = 0, len(raw)
+    end = len(raw)
     while at < end:
         try:
             (size,) = _u32(raw, at)
@@ -386,13 +461,14 @@ def _break(reason: object, at: int) -> NoReturn:
 
 
 def _message_of(header: bytes, data: bytes, learn: Callable[[Fields, bytes], None]) -> int | None:
-    """Return the connection of a message; None for another record. Adds a new connection."""
+    """Return the connection of a message; None for a connection, which is added."""
     fields = _fields(header)
     kind = _number(fields, b"op", 1)
     if kind == _MESSAGE:
         return _number(fields, b"conn", 4)
-    if kind == _CONNECTION:
-        learn(fields, data)
+    if kind != _CONNECTION:
+        raise BadDataError(f"in a chunk a record of kind {kind}, which does not belong there")
+    learn(fields, data)
     return None
 
 

@@ -49,6 +49,7 @@ _TABLES = (
 )
 _LAST_ROW = 2**62
 _WAL_MAGICS = (0x377F0682, 0x377F0683)
+_DISORDER = "its rows are out of order"
 _NO_MESSAGE = "a row is not a message: its time is negative, or its types are wrong"
 
 
@@ -251,29 +252,47 @@ def _rows(
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a table in the order of their numbers, without those on damaged pages.
 
-    After a damaged page, the search continues in steps that double.
+    After a damaged page, the search continues in steps that double. A row that precedes smaller
+    numbers has a wrong number, if these follow the rows before it.
     """
-    last, step = -1, 0
-    while last + step < _LAST_ROW:
+    before, last, step = -1, -1, 0
+    end = _last_row(database, query)
+    while last + step < end:
         try:
-            for number, *row in _rows_between(database, query, last + step, _LAST_ROW):
-                _check_order(last, number)
+            for number, *row in _rows_between(database, query, last + step, end):
+                if before < number < last and not step:
+                    gathered.lose(0, _DISORDER)
+                else:
+                    _check_order(last, number)
+                    before = last
                 if step:
                     yield from _rows_before(database, query, last, number)
                 last, step = number, 0
                 yield tuple(row)
+            if end < _LAST_ROW and last + step < end - 1:
+                _check_order(end, last)  # a wrong number ended the search
         except BadDataError as error:
             if not step:
                 gathered.lose(0, error)
             step = max(1, 2 * step)
         else:
-            return
+            break
+    if step:
+        yield from _rows_before(database, query, last, end)
+
+
+def _last_row(database: sqlite3.Connection, query: str) -> int:
+    """Return the number after that of the last row, or a larger one if it cannot be read."""
+    with suppress(BadDataError):
+        for number, *_ in _rows_between(database, query, -1, _LAST_ROW, back=True):
+            return int(number) + 1
+    return _LAST_ROW
 
 
 def _check_order(last: int, number: int) -> None:
     """Refuse rows out of order, which a damaged table may repeat without end."""
     if number <= last:
-        raise BadDataError("its rows are out of order")
+        raise BadDataError(_DISORDER)
 
 
 def _rows_before(

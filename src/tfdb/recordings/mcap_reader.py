@@ -14,13 +14,16 @@ Violations of the format count as damage:
   is not declared;
 - a channel or schema that is declared again with other content.
 
-`salvage` skips such messages, uses the first declaration, and reports the loss.
+`salvage` skips such messages, uses the first readable declaration, and reports the loss. After
+damage it continues with the next chunk; in files without chunks, and in chunks without a checksum,
+with the next message.
 
 If the data have a checksum, the whole file is read once to verify it.
 """
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from bisect import bisect_right
@@ -49,6 +52,7 @@ from .containers import (
     unpacked,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
+from .record_search import Chunk, find_record
 from .tf_definition import LOST, STATE, STORE
 
 if TYPE_CHECKING:
@@ -57,6 +61,7 @@ if TYPE_CHECKING:
 
     from .containers import Payload
     from .raw_file import Packed
+    from .record_search import Bytes
 
 _MAGIC = b"\x89MCAP0\r\n"
 _NAMES = (
@@ -90,6 +95,11 @@ _HEAD = 9
 _FOOTER_SIZE = _HEAD + 20 + len(_MAGIC)
 _DATA_END_SIZE = _HEAD + 4
 _CHUNK_HEAD = struct.Struct("<QQQI")
+# A message of less than 4 GiB; a chunk of less than 1 TiB.
+_MESSAGE_HEADS = re.compile(rb"\x05.{4}\0{4}", re.DOTALL)
+_CHUNK_HEADS = re.compile(rb"\x06.{5}\0{3}.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd)", re.DOTALL)
+_FOLLOWING = 3
+"""Number of valid records in a row that show that a message begins."""
 _PAIR = struct.Struct("<HQ")
 _LOST_HEAD = struct.pack("<I", len(LOST)) + LOST.encode()
 _PIECE = 2**20
@@ -155,6 +165,8 @@ class _Index:
             id_, name = fields.number(2), fields.text()
             if id_ and self.schemas.setdefault(id_, name) != name:
                 self.flaws[f"schema {id_} is declared again as {name!r}"] += 0
+                if is_read_type(name) and not is_read_type(self.schemas[id_]):
+                    self.schemas[id_] = name  # a damaged name is not readable
         elif kind == _CHANNEL:
             id_ = fields.number(2)
             channel = _Channel(fields.number(2), fields.text(), fields.text())
@@ -658,12 +670,14 @@ class _Walk:
         self._starts: dict[int, int] = {}
         self._missing: set[int] = set()
         self._is_in_data = True
+        self._has_chunks: bool | None = None  # not known yet
         self._last = _LastChunk()
 
     def run(self, chunks: Iterable[_Chunk], *, are_sure: bool) -> None:
         """Scan the file. `chunks` are the summary's; `are_sure`: the summary is undamaged."""
         starts = {chunk.position: chunk.start for chunk in chunks}
         self._chunks = sorted(filter(self._has_chunk, starts))
+        self._has_chunks = True if starts else None
         if are_sure:
             self._starts = starts
             self._missing = starts.keys() - self._chunks
@@ -674,7 +688,7 @@ class _Walk:
             end = self._end
             try:
                 kind, size = _RECORD.unpack(self._file.read(at, _HEAD))
-                if (kind, size) == (_FOOTER, 20) and self._end == self._file.size:
+                if (kind, size) == (_FOOTER, 20) and at + _FOOTER_SIZE >= self._file.size:
                     break
                 end = at + _HEAD + size
                 following = self._step(kind, at, size)
@@ -684,6 +698,8 @@ class _Walk:
                 following = self._behind(at, end)
                 self._found.lose(following - at, error)
             at = following
+        for channel in self._found.found():
+            self._index.is_read(channel)  # an unknown one becomes a flaw
         self._note_missing()
         if self._is_in_data and self._index.summary:
             self._note("no end of its data before its summary")
@@ -711,8 +727,16 @@ class _Walk:
         reason = f"a record at {at} overlaps the chunk at {over}"
         if over is not None and kind != _CHUNK:
             raise BadDataError(reason)
+        reasons = len(self._found.reasons)
         self._gather(kind, at, size)
         if over is None:
+            is_damaged = len(self._found.reasons) > reasons or not self._has_record(end)
+            if self._strict or (kind in _KNOWN and not is_damaged):
+                return end
+            found = self._find(at + 1, min(end, self._end))  # its size may be wrong
+            if found < min(end, self._end):
+                self._found.lose(0, f"a record of a wrong size at {at}")
+                return found
             return end
         self._note(reason)
         return over
@@ -732,8 +756,13 @@ class _Walk:
         if kind == 0 or (there < size and (self._strict or kind != _CHUNK)):
             raise BadDataError(f"an incomplete record of {size} bytes at {at}")
         if kind == _CHUNK:
+            if _find_chunk(self._file, at, at + 1) == at:
+                self._has_chunks = True
             record = self._file.read(at + _HEAD, there)
+            before = len(self._found.messages)
             self._gather_chunk(record, size)
+            if len(self._found.messages) > before:
+                self._has_chunks = True
             if self._starts.get(at, start := _start_of(record)) != start:
                 self._note(_other_start(at))
         elif kind in (_SCHEMA, _CHANNEL, _METADATA):
@@ -788,23 +817,46 @@ class _Walk:
         if len(record) < size:
             reason = BadDataError(f"cut short in the middle of a chunk of {size} bytes")
         self._last.is_sure = reason is None and crc != 0
-        read = self._take(raw)
-        if reason is not None or read < len(raw):
-            self._found.lose(unpacked - read, reason or f"a chunk ends early, at {read}")
+        lost = self._take(raw, is_packed=bool(packing))
+        if reason is not None or lost:
+            count = unpacked - len(raw) + lost
+            self._found.lose(count, reason or f"a chunk with {lost} damaged bytes")
 
-    def _take(self, raw: Packed) -> int:
-        """Add the messages of a chunk; return how many bytes were valid."""
-        messages = _messages_in(raw, self._index.is_read, self._index.learn_in_chunk)
+    def _take(self, raw: Packed, *, is_packed: bool = False) -> int:
+        """Add the messages of a chunk; return how many bytes were invalid.
+
+        `is_packed`: nothing behind damage is used, because damage of compressed data spreads.
+        """
         before = len(self._found.messages)
-        read = len(raw)
-        if self._strict:
-            self._found.messages += messages
-        else:
-            read = self._found.take(messages, read)
+        at = lost = 0
+        while at < len(raw):
+            part = memoryview(raw)[at:]
+            messages = _messages_in(part, self._is_wanted, self._index.learn_in_chunk)
+            if self._strict:
+                self._found.messages += messages
+                break
+            broken = at + self._found.take(messages, len(part))
+            at = len(raw) if is_packed else self._next_message(raw, broken)
+            lost += at - broken
         held = Counter(id_ for _, id_, _ in self._found.messages[before:])
         self._last.held.update(held)
         self._found.promised.update(held)
-        return read
+        return lost
+
+    def _is_wanted(self, channel: int) -> bool:
+        """Whether to keep messages of a channel. `salvage` may find its declaration later."""
+        is_unknown = not self._strict and not self._index.is_declared(channel)
+        return is_unknown or self._index.is_read(channel)
+
+    def _next_message(self, raw: Packed, broken: int) -> int:
+        """Return the position of the next message in a chunk, after a broken record, or its end.
+
+        A chunk that begins earlier shows that this chunk has ended.
+        """
+        chunk = Chunk(raw)
+        end = _find_chunk(chunk, broken, len(raw))
+        found = _find_message(chunk, broken + 1, end, self._index)
+        return found if found < end else len(raw)
 
     # -- where to go on ----------------------------------------------------------------------------
 
@@ -821,17 +873,74 @@ class _Walk:
         return following[0] if following and following[0] < end else None
 
     def _behind(self, at: int, end: int) -> int:
-        """Return the end of a damaged record if a record begins there, or the next known chunk."""
-        chunk = self._within(at, self._end)
-        if end <= (self._end if chunk is None else chunk) and self._has_record(end):
-            return end
-        return self._end if chunk is None else chunk
+        """Return the next position at which a record begins, after a damaged one.
+
+        That is the end of the damaged record, unless another record begins within it.
+        """
+        known = self._within(at, self._end)
+        limit = self._end if known is None else known
+        found = self._find(at + 1, min(end, limit))
+        if found < min(end, limit) or (end <= limit and self._has_record(end)):
+            return found
+        return self._find(found, limit)
+
+    def _find(self, at: int, end: int) -> int:
+        """Return the first position in a range at which a chunk or a message begins, or its end.
+
+        Messages are not searched if the file has chunks.
+        """
+        limit = end
+        if self._has_chunks is not False:
+            limit = _find_chunk(self._file, at, end)
+        if self._has_chunks is None and end == self._end:
+            self._has_chunks = limit < end
+        if self._has_chunks:
+            return limit
+        return _find_message(self._file, at, limit, self._index)
 
     def _has_record(self, at: int) -> bool:
         if at > self._end - _HEAD:
             return at == self._end
         kind, size = _RECORD.unpack(self._file.read(at, _HEAD))
         return kind in _KNOWN and at + _HEAD + size <= self._end
+
+
+def _find_chunk(data: Bytes, at: int, end: int) -> int:
+    """Return the first position in a range at which a chunk begins, or its end."""
+
+    def start_of(place: int) -> int | None:
+        head = place + _HEAD + _CHUNK_HEAD.size
+        if head + 16 > data.size:
+            return None
+        length = int.from_bytes(data.read(place + 1, 8), "little")
+        packing = int.from_bytes(data.read(head, 4), "little")
+        packed = int.from_bytes(data.read(head + 4 + packing, 8), "little")
+        return place if length == _CHUNK_HEAD.size + 4 + packing + 8 + packed else None
+
+    return find_record(data, _CHUNK_HEADS, at, end, start_of)
+
+
+def _find_message(data: Bytes, at: int, end: int, index: _Index) -> int:
+    """Return the first position in a range at which a message begins, or its end.
+
+    Its channel is declared, if any is yet, and valid records follow it.
+    """
+
+    def start_of(place: int) -> int | None:
+        following = place
+        for number in range(_FOLLOWING):
+            if following + _HEAD + 2 > data.size:
+                return place if number else None
+            kind, length = _RECORD.unpack(data.read(following, _HEAD))
+            channel = int.from_bytes(data.read(following + _HEAD, 2), "little")
+            following += _HEAD + length
+            if kind not in _KNOWN or following > data.size:
+                return None
+            if kind == _MESSAGE and index.channels and channel not in index.channels:
+                return None
+        return place
+
+    return find_record(data, _MESSAGE_HEADS, at, end, start_of)
 
 
 def _start_of(record: bytes) -> int:

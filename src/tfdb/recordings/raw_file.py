@@ -65,6 +65,13 @@ class RawFile:
             raise BadDataError(f"the file ends at {at + len(data)} while it is read")
         return data
 
+    def data_from(self, at: int) -> int:
+        """Return the first position from `at` on that is not in a hole of a sparse file."""
+        try:
+            return os.lseek(self._descriptor, at, os.SEEK_DATA)
+        except OSError:
+            return self.size  # only a hole follows
+
     def close(self) -> None:
         """Close the file. A second call does nothing."""
         descriptor, self._descriptor = self._descriptor, -1
@@ -125,7 +132,10 @@ def unpack_the_start(packing: str, packed: bytes, size: int) -> bytes: ...
 @overload
 def unpack_the_start(packing: str, packed: memoryview, size: int) -> Packed: ...
 def unpack_the_start(packing: str, packed: Packed, size: int) -> Packed:
-    """Return as many of the `size` bytes of a damaged or cut chunk as possible."""
+    """Return as many of the `size` bytes of a damaged or cut chunk as possible.
+
+    Of damaged bz2 data nothing is returned: a block may be scrambled, and is verified at its end.
+    """
     if not packing or size > MAX_CHUNK:
         return packed[: 0 if packing else size]
     reader, broken = _open(packing, packed)
@@ -134,8 +144,11 @@ def unpack_the_start(packing: str, packed: Packed, size: int) -> Packed:
         while size and (piece := reader.read(min(size, _PIECE))):
             pieces.append(piece)
             size -= len(piece)
+    except EOFError:
+        pass  # the bytes before the cut are the result
     except broken:
-        pass  # the bytes before the error are the result
+        if packing == "bz2":
+            return b""
     return b"".join(pieces)
 
 
