@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("calls", "more"), [(200_000, []), (60_000, ["--threads"])])
+@pytest.mark.parametrize(("calls", "more"), [(100_000, []), (60_000, ["--threads"])])
 def test_only_typed_errors_and_a_store_that_stays(
     calls: int, more: list[str], tmp_path: Path
 ) -> None:

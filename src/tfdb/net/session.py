@@ -94,18 +94,12 @@ class Session(Closable):
         if config is not None:
             text, self._where = _read(config)
             configs = zenoh_link.configs_of(text, self._where)
-        elif here:
+        else:
+            there = there if there or here else [_ROUTER]
             self._where = ", ".join([*here, *there])
             configs = (
-                zenoh_link.config_for("router", there, here),
-                zenoh_link.config_for("client", here, []),
-            )
-        else:
-            there = there or [_ROUTER]
-            self._where = ", ".join(there)
-            configs = (
-                zenoh_link.config_for("client", there, []),
-                zenoh_link.config_for("client", there, []),
+                zenoh_link.config_for("router" if here else "client", there, here),
+                zenoh_link.config_for("client", here or there, []),
             )
         missing = ""
         until = -math.inf if zenoh_link.listeners(configs[0]) else time.monotonic() + seconds
