@@ -338,7 +338,7 @@ def test_a_promoted_home_that_was_killed_goes_on_as_a_mirror(links: Links) -> No
     promoted.close()
     spare.set_transform("map", "unsent", 20, *pose(3))  # its messages do not arrive any more
     with second.promote() as last:
-        step_back(spare, NAME, [last.epoch])
+        step_back(spare, NAME, lambda: [last.epoch])
         with Mirror(spare, NAME, link) as back:
             back.wait_until_live(LONGEST)
             assert spare.frames() == ["base", "map"]

@@ -96,7 +96,7 @@ class World:
     def begin_mirror(self, node: Node) -> None:
         """Turn a node into a mirror, even if it was promoted before."""
         node.sender = None
-        step_back(node.buffer, SOURCE, ())
+        step_back(node.buffer, SOURCE, tuple)
         for each in node.buffer.positions():
             node.seen = max(node.seen, (each.epoch, each.commit))
         node.log, node.read = EventLog(SOURCE), 0

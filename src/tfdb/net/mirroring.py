@@ -425,6 +425,10 @@ class Mirror(Closable):
             self._token = None
 
 
+def _epochs_of_homes(link: Link, name: str) -> list[Epoch]:
+    return [token.epoch for _, token in link.tokens(name) if token.role == "home"]
+
+
 def _check_part(what: str, value: Any, behind: str = "") -> str:
     """Return the text, which must be a frame name with `behind` at its end. Raises InvalidName."""
     text = check_name(what, value)
@@ -500,5 +504,6 @@ def mirror(
         text = f"into is the store that this process publishes as {name!r}: use another store"
         raise InvalidArgument(text)
     with link_of(session) as (link, owned):
-        step_back(into, name, [each.epoch for _, each in link.tokens(name) if each.role == "home"])
+        # Only a store that was a mirror of the namespace before costs this request.
+        step_back(into, name, lambda: _epochs_of_homes(link, name))
         return Mirror(into, name, link, prefix=prefix, shared=names, max_lag=max_lag, owned=owned)

@@ -14,7 +14,7 @@ from tfdb.data.types import Epoch, Position
 from .messages import LIMIT, MOST_NUMBER, NONE, PIECE, Head, head_bytes, in_epoch, state_messages
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from tfdb._core import Buffer
 
@@ -79,15 +79,16 @@ def take_over(buffer: Buffer, source: str, epoch: Epoch) -> Origin:
             return Origin(position.epoch, last, commit if is_whole else 0)
 
 
-def step_back(buffer: Buffer, source: str, homes: Iterable[Epoch]) -> None:
-    """Turn the store of a promoted home that is not in `homes` back into a mirror's.
+def step_back(buffer: Buffer, source: str, homes: Callable[[], Iterable[Epoch]]) -> None:
+    """Turn the store of a promoted home back into a mirror's, unless `homes` has its epoch.
 
     Raises the errors of a write, even if it changes nothing.
     """
     nowhere = Position(source, NONE, 0, "")
     found = [each for each in buffer.positions() if each.source == source]
+    running = homes() if found else ()
     for each in found or [nowhere]:
-        if each.epoch not in homes:
+        if each.epoch not in running:
             buffer._hand_over(source, "adopt", each.epoch, from_=each)
 
 
