@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Reader as BagReader
 
+from tfdb.errors import RecordingError
 from tfdb.recordings import Recording
 
 if TYPE_CHECKING:
@@ -171,6 +172,27 @@ def test_each_byte_of_the_head_of_a_bag(recorder: Any, messages: list[Any], tmp_
     for at in range(13, 100):
         path.write_bytes(raw[:at] + bytes([raw[at] ^ 0x10]) + raw[at + 1 :])
         assert salvaged(path)[0] == whole, at
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+def test_damaged_first_bytes(
+    recorder: Any, messages: list[Any], tmp_path: Path, suffix: str
+) -> None:
+    """The extension tells the kind of the file."""
+    path = tmp_path / f"a{suffix}"
+    regions = (bag if suffix == ".bag" else mcap)(recorder, path, messages[:200], suffix[1:])
+    whole = sorted(one for region in regions for one in region.messages)
+    raw = path.read_bytes()
+    for damaged in (bytes([raw[0] ^ 1]) + raw[1:], bytes(40) + raw[40:]):
+        path.write_bytes(damaged)
+        with pytest.raises(RecordingError, match="neither a ROS 1 bag"):
+            Recording(path)
+        found, losses = salvaged(path)
+        assert sorted(found) == whole
+        assert losses[0].reason.startswith("its first bytes are damaged")
+    path.write_text("no recording")
+    with pytest.raises(RecordingError, match="neither a ROS 1 bag"):
+        Recording(path, salvage=True)
 
 
 def test_scrambled_bz2_data_are_not_used(

@@ -17,6 +17,7 @@ from tfdb.data.errors import RecordingError
 
 from .containers import (
     NO_START,
+    OTHER_START,
     Container,
     Gathered,
     Source,
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
 
     Fields = dict[bytes, bytes]
 
-_FIRST_RECORD = len("#ROSBAG V2.0\n")
+_MAGIC = b"#ROSBAG V2.0\n"
+_FIRST_RECORD = len(_MAGIC)
 _MESSAGE, _HEADER, _COUNTS, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _INNER, _OUTER = (_MESSAGE, _CONNECTION), (_COUNTS, _CHUNK)
 _KINDS = (_HEADER, _CHUNK, _CONNECTION, _COUNTS, _CHUNK_INFO)
@@ -284,6 +286,8 @@ def _gather(file: RawFile, connections: dict[int, _Connection]) -> Gathered:
     Adds the connections that it finds to the known ones.
     """
     found = Gathered()
+    if file.read(0, _FIRST_RECORD) != _MAGIC:
+        found.lose(0, OTHER_START)
     walked: set[int] = set()
 
     def learn(fields: Fields, data: bytes) -> None:

@@ -67,6 +67,9 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"SQLite format 3\0", "db3"),
     (ZSTD, "packed"),
 )
+_BINARY: dict[str, Kind] = {".bag": "bag", ".mcap": "mcap"}
+OTHER_START = "its first bytes are damaged"
+"""The loss of a file whose kind is known only by its extension."""
 _LOG = "the log of a .db3: give the .db3 instead, which is read with its log"
 _OTHERS = (
     (b"#ROSBAG V1", "a bag of the old version 1: convert it with `rosbag fix`"),
@@ -401,8 +404,10 @@ def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
         raise RecordingError(path, f"damaged or cut short: {error}; {hint}") from error
 
 
-def kind_of(path: Path) -> Kind:
+def kind_of(path: Path, *, salvage: bool = False) -> Kind:
     """Return the kind of a file by its first bytes, or of a trajectory by its extension.
+
+    `salvage`: if the first bytes are damaged, also of a bag or MCAP file by its extension.
 
     Raises `RecordingError` for anything that is not a recording, `OSError` where it cannot be
     opened.
@@ -425,6 +430,9 @@ def kind_of(path: Path) -> Kind:
             raise RecordingError(path, reason.format(name=path.name))
     if path.suffix.lower() in TRAJECTORIES:
         return "trajectory"
+    by_name = _BINARY.get(path.suffix.lower())
+    if salvage and by_name is not None and b"\0" in start:
+        return by_name
     raise RecordingError(
         path,
         "neither a ROS 1 bag, nor a ROS 2 database (.db3), nor an MCAP file; the name of a "

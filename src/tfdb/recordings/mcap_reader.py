@@ -38,6 +38,7 @@ from tfdb.data.errors import RecordingError
 
 from .containers import (
     NO_START,
+    OTHER_START,
     SALVAGE,
     Container,
     Gathered,
@@ -422,6 +423,8 @@ def _parts(spans: list[_Span]) -> Iterator[list[_Span]]:
 def _salvaged(path: Path, file: RawFile) -> Container:
     summary = index = _Index()
     gathered = Gathered()
+    if file.read(0, len(_MAGIC)) != _MAGIC:
+        gathered.lose(0, OTHER_START)
     try:
         if _has_end(file):
             _read_summary(file, summary)

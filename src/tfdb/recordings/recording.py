@@ -102,7 +102,7 @@ class Recording(Closable):
         self, path: PathLike, *, salvage: bool = False, stamp_unit: Unit | None = None
     ) -> None:
         self.path: Path = check_path(path, RecordingError)
-        kind = kind_of(self.path)
+        kind = kind_of(self.path, salvage=salvage)
         if kind == "trajectory":
             self._container = open_trajectory(self.path, salvage=salvage, stamp_unit=stamp_unit)
         else:
