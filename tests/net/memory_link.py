@@ -93,6 +93,9 @@ class MemoryLink:
         self.network.calls.put(reply)
         return request
 
+    def renew(self) -> None:
+        """This network loses no declarations."""
+
     def announce(self, name: str, token: Token) -> Declared:
         """See `Link`."""
         made = self.declare(f"{name}/tokens", token)

@@ -221,6 +221,28 @@ def test_each_message_of_an_answer_comes_when_it_is_sent(monkeypatch: pytest.Mon
     assert came.empty()
 
 
+def test_queryables_are_declared_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A router may have lost them."""
+    from tfdb.net import zenoh_link
+
+    endpoint = free_endpoint()
+    copy, source = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 0, *pose(1))
+    with tfdb.net.Session(listen=endpoint) as here, tfdb.net.Session(connect=endpoint) as there:
+        with tfdb.net.publish(source, NAME, session=here):
+            link: Any = here.link
+            before = [part for each in link._queryables for part in each._parts]
+            for part in before:
+                part.undeclare()
+            monkeypatch.setattr(zenoh_link, "_RENEWAL", 0.0)
+            with tfdb.net.mirror(NAME, into=copy, session=there) as mirror:
+                mirror.wait_until_live(LONGEST)
+            assert state_of(copy) == state_of(source)
+        assert not link._queryables
+        link.renew()
+    link.renew()
+
+
 def test_a_session_closes_in_a_cut() -> None:
     from tfdb.net import zenoh_link
 

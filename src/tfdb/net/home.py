@@ -202,6 +202,7 @@ class Home(Closable):
             if sent or time.monotonic() >= due:
                 if time.monotonic() >= due:
                     self._send(self._sender.head())
+                    self._link.renew()
                     due = time.monotonic() + _HEADS
                     if not self._is_seen and due > unseen_at:
                         unseen_at = math.inf

@@ -122,6 +122,9 @@ class Link(Protocol):
     ) -> Request:
         """Send a request to all homes; call `take` with each message of the answers, then None."""
 
+    def renew(self) -> None:
+        """Declare `serve` and `report` again if some seconds have passed. It never waits."""
+
     def announce(self, name: str, token: Token) -> Declared:
         """Publish a token until it is undeclared, or this process ends."""
 

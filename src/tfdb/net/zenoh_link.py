@@ -35,6 +35,12 @@ _PATIENCE = 5.0
 """Seconds to wait for an answer, or for its next message."""
 _LONGEST_ANSWER = 3600.0
 """Seconds after which a request ends even if messages of its answer still come."""
+_RENEWAL = 10.0
+"""Seconds between two declarations of the same queryables.
+
+If a connection between two routers ends and begins again at once, a router of Zenoh 1.10 may lose
+the other one's queryables, and requests then end without an answer.
+"""
 _LAST_CALLS = 5.0
 """Seconds to wait for running calls when a session is closed."""
 
@@ -155,6 +161,8 @@ class ZenohLink:
         self._waiting = threading.Semaphore(_ANSWERS + _MOST_QUESTIONS)
         self._handlers: set[threading.Event] = set()
         self._kept: set[_Declared] = set()
+        self._queryables: set[_Queryables] = set()
+        self._renewed = time.monotonic()
         self._calls, self._running = threading.Condition(), 0
         self._is_ending = False
         self._process = os.getpid()
@@ -192,9 +200,7 @@ class ZenohLink:
             except RuntimeError:  # the process is ending
                 query.drop()
 
-        keys = [ask_key(name, state=state) for state in (False, True)]
-        declare = self._data.declare_queryable
-        return self._declared(*(declare(key, self._direct(asked)) for key in keys))
+        return self._answered(asked, *(ask_key(name, state=state) for state in (False, True)))
 
     def _answer(self, query: zenoh.Query, answer: Callable[[Question], Iterable[bytes]]) -> None:
         try:
@@ -263,7 +269,7 @@ class ZenohLink:
                 query.reply(key, status())
             query.drop()
 
-        return self._declared(self._data.declare_queryable(key, self._direct(asked)))
+        return self._answered(asked, key)
 
     def statuses(self, name: str, timeout: float) -> list[tuple[str, bytes]]:
         """See `Link`."""
@@ -286,6 +292,28 @@ class ZenohLink:
         for end in ended:
             end.wait()
         return list(found)
+
+    def renew(self) -> None:
+        """See `Link`."""
+        now = time.monotonic()
+        if now - self._renewed < _RENEWAL:
+            return
+        self._renewed = now
+        with suppress(RuntimeError):  # the link or the process is ending
+            self._pool.submit(self._renew)
+
+    def _renew(self) -> None:
+        for each in list(self._queryables):
+            with suppress(InvalidArgument, zenoh.ZError):  # the session was closed
+                self._call(each.renew)
+
+    def _answered(self, asked: Callable[[zenoh.Query], None], *keys: str) -> _Queryables:
+        def declare() -> list[Declared]:
+            return [self._data.declare_queryable(key, self._direct(asked)) for key in keys]
+
+        made = _Queryables(self._call, self._kept, declare, self._queryables)
+        self._kept.add(made)
+        return made
 
     def _declared(self, *parts: Declared | None) -> _Declared:
         made = _Declared(self._call, self._kept, *filter(None, parts))
@@ -414,7 +442,39 @@ class _Declared:
         self._call(self._end)
 
     def _end(self) -> None:
+        self._undeclare_parts()
+        self._kept.discard(self)
+
+    def _undeclare_parts(self) -> None:
         while self._parts:
             with suppress(zenoh.ZError):  # the session was closed before
                 self._parts.pop(0).undeclare()
-        self._kept.discard(self)
+
+
+class _Queryables(_Declared):
+    """Queryables that are declared again from time to time."""
+
+    def __init__(
+        self,
+        call: Callable[..., Any],
+        kept: set[_Declared],
+        declare: Callable[[], list[Declared]],
+        renewed: set[_Queryables],
+    ) -> None:
+        super().__init__(call, kept, *declare())
+        self._declare, self._renewed = declare, renewed
+        self._lock = threading.Lock()
+        renewed.add(self)
+
+    def renew(self) -> None:
+        """Declare them again, unless they have ended."""
+        with self._lock:
+            if self not in self._renewed:
+                return
+            self._undeclare_parts()
+            self._parts = self._declare()
+
+    def _end(self) -> None:
+        with self._lock:
+            self._renewed.discard(self)
+            super()._end()
