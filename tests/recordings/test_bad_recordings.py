@@ -291,7 +291,7 @@ def test_bugs_are_not_reported_as_damage(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A failing call during the reading of a good file is not reported as damage."""
-    from tfdb.recordings import bag_folder, bag_reader, db3_reader, mcap_reader
+    from tfdb.recordings import bag_folder, bag_reader, db3_reader, mcap_index
 
     def fail(*_: object, **__: object) -> None:
         raise error("a fault of the program")
@@ -300,8 +300,8 @@ def test_bugs_are_not_reported_as_damage(
         "bag": lambda: (recorder.bag(tmp_path / "a.bag", messages), bag_reader, "_messages_in"),
         "mcap": lambda: (
             recorder.folder(tmp_path / "a", messages) / "a.mcap",
-            mcap_reader,
-            "_add_chunk",
+            mcap_index.Index,
+            "learn",
         ),
         "db3": lambda: (
             recorder.folder(tmp_path / "a", messages, "sqlite3") / "a.db3",
