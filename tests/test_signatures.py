@@ -8,6 +8,7 @@ import importlib
 import inspect
 import pickle
 import pydoc
+import re
 from pathlib import Path
 from typing import Any
 from unittest.mock import ANY
@@ -158,6 +159,12 @@ def test_help_shows_signature_and_docstring_once() -> None:
     assert shown.count("recursive: 'bool' = False") == 1
     assert shown.count("Remove a frame, or several") == 1
     assert "open(path, *, verify=False, clock=None)" in pydoc.plain(pydoc.render_doc(tfdb.open))
+
+
+@pytest.mark.parametrize("options", [tfdb.rules.RuleOptions, tfdb.judging.Limits])
+def test_help_explains_each_key_of_a_typed_dict(options: Any) -> None:
+    explained = re.findall(r"^(\w+)\n    \S", inspect.getdoc(options) or "", re.MULTILINE)
+    assert explained == list(options.__annotations__)
 
 
 def test_no_private_module_in_errors_and_pickles() -> None:

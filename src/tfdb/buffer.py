@@ -212,13 +212,13 @@ class Buffer(Freezable, _core.NativeBuffer):
         Parameters
         ----------
         parent, child
-            Frames of the edges; `*` stands for any letters. An edge without `*` in its names is
+            Frames of the edges; `*` stands for any characters. An edge without `*` in its names is
             `missing` until it has a sample. In place of both: Expectations, such as those of a
             file.
         enforce
-            If the lifespan of an edge is over, lookups over it raise Stale, at any stamp: those of
-            this buffer, its snapshots and its transactions. The age is that of the edge's newest
-            sample in the read state, by the store's `clock`.
+            Also refuse old data: once the newest sample of an edge is older than its `lifespan`,
+            every lookup over the edge raises Stale, at any stamp. That applies to lookups of this
+            buffer, its snapshots and its transactions. The store's `clock` gives the age.
         **limits
             Fields of `tfdb.judging.Limits`, with the units of docs/howto/expectations.md.
 
@@ -243,7 +243,7 @@ class Buffer(Freezable, _core.NativeBuffer):
         return _buffer(self).expectations._add(wanted, enforce=enforce)
 
     def events(self, *, max_pending: int = 1000) -> EventStream:
-        """Return a stream of the later events: each once, in order.
+        """Return a stream of the events of `expect` from now on: each once, in order.
 
         Parameters
         ----------
@@ -472,10 +472,10 @@ class Buffer(Freezable, _core.NativeBuffer):
 
         `fn` may be called several times: side effects outside `tx` must be idempotent. An attempt
         that ends in a Conflict stores nothing. A random wait precedes the next attempt: up to 0.1
-        ms after the first conflict, doubled with each further one, at most 10 ms. All attempts have
-        the seniority of the first. After eight conflicts the ninth attempt runs alone: writers wait
-        for it, so it cannot conflict. So `fn` is called at most nine times, and its commit succeeds
-        unless `retries` or `timeout` set a lower limit.
+        ms after the first conflict, doubled with each further one, at most 10 ms. After eight
+        conflicts the ninth attempt runs alone: writers wait for it, so it cannot conflict. So `fn`
+        is called at most nine times, and its commit succeeds unless `retries` or `timeout` set a
+        lower limit. Engines that compare the ages of transactions count from the first attempt.
 
         Parameters
         ----------

@@ -80,15 +80,15 @@ class SharedReads:
         rate
             Poses per second from `start` on. None: at the stored stamps of the path.
         start, end
-            First and last stamp, nanoseconds. None: where every moving edge has data. Text as in
-            `load`: `"+1.5"` is 1.5 s after the store's first moving stamp, `"-2"` 2 s before its
-            last.
+            First and last stamp, nanoseconds. None: where every moving edge has data. Or text, as
+            in `tfdb.recordings.Selection`: `"+1.5"` is 1.5 s after the store's first moving stamp,
+            `"-2"` 2 s before its last.
         policy
             How stamps between samples are answered. None: Interpolate().
         missing
             What happens at a stamp without a pose. `raise`: its error is raised, with its `index`.
             `nan`: its pose is NaN. `skip`: it is left out; if no pose is left, the first error is
-            raised. Frames without a path always raise, except with a rate, `start` and `end`.
+            raised. Frames without a path always raise, unless rate, start and end are all given.
 
         Returns
         -------

@@ -247,6 +247,8 @@ def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
     assert "'r*' is not a valid namespace" in text
     text = tool("publish", "shm:nowhere", "--as", "r", "--listen", endpoint, code=2).err
     assert "no shared store 'nowhere'; `tfdb shm ls` lists the existing ones" in text
+    text = tool("publish", "ros1:", "--as", "r", "--listen", endpoint, code=2).err
+    assert "ros1: is a live graph: fill a shared store with 'tfdb serve', and publish that" in text
     for lost, said in ((bag, "--keep-lost"), (bag / "lost", "lost")):
         arguments = "publish", bag, "--as", "r", "--listen", endpoint, "--keep-lost", lost
         assert said in tool(*arguments, code=2).err

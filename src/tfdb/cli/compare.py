@@ -161,7 +161,8 @@ def command(
     Example: tfdb compare truth.tum drive.mcap --frames map base_link --save png
 
     REFERENCE and ESTIMATE are TUM, KITTI, EuRoC, CSV or NPZ files. With --frames they may also be
-    recordings, FILE.tfdb or shm:NAME. Translations are in metres, rotations in degrees.
+    recordings, FILE.tfdb, shm:NAME or a live graph (ros1:, ros2:), heard for 5 s. Translations are
+    in metres, rotations in degrees.
     """
     read = common.find_paths([name for name in (reference, estimate) if not common.is_live(name)])
     outs = picture_files(saved, estimate, "compare")

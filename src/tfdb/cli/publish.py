@@ -12,7 +12,7 @@ from tfdb.data.counting import counted
 
 from . import common, layout, output
 from .connecting import connected, follow_events, network_options
-from .graph import STORE
+from .graph import STORE, is_graph
 from .groups import SuggestingCommand
 from .times import NS, duration_option
 
@@ -106,10 +106,11 @@ def _open(source: str) -> Buffer:
             return tfdb.Buffer.open(source.removeprefix(STORE), create=False)
         except tfdb.errors.ReadOnly:  # this user may read it
             return common.open_live(source)
-    loaded = common.load([source]).store
-    if not hasattr(loaded, "commits_bytes"):
-        raise click.UsageError(f"{source} cannot be published: give shm:NAME or a file")
-    return loaded  # type: ignore[return-value]
+    if is_graph(source):
+        raise click.UsageError(
+            f"{source} is a live graph: fill a shared store with 'tfdb serve', and publish that"
+        )
+    return common.load([source]).store  # type: ignore[return-value]
 
 
 def _show_end(home: Home, source: str, state: str, began: float, *, as_json: bool) -> None:

@@ -96,26 +96,42 @@ class Expectation:
 
 
 class Limits(TypedDict, total=False):
-    """The limits of `Expectation`, for `Buffer.expect`: numbers, or text with a unit."""
+    """The limits of `Expectation`, for `Buffer.expect`.
+
+    A limit is a number in the given unit, or text with a unit, such as `"50 ms"`.
+
+    Parameters
+    ----------
+    deadline
+        Longest time between two arrivals, seconds.
+    lifespan
+        Greatest age of the newest stamp, seconds.
+    liveliness
+        Longest time between two commits of each authority in `authority`, on any edge, seconds.
+    authority
+        The authorities that may write the edge, the preferred one first.
+    max_step
+        Longest distance between two samples, metres.
+    max_speed
+        Highest speed between two samples, metres per second.
+    max_turn
+        Largest rotation between two samples, radians.
+    max_late
+        Largest distance of a sample behind the newest stamp, seconds.
+    severity
+        Severities by kind of event, where they differ from the default: `ok`, `warning`, `error` or
+        `stale`.
+    """
 
     deadline: float | str
-    """Longest time between two arrivals."""
     lifespan: float | str
-    """Greatest age of the newest stamp."""
     liveliness: float | str
-    """Longest time between two commits of each of these authorities, on any edge."""
     authority: str | Sequence[str]
-    """The authorities that may write the edge, the preferred one first."""
     max_step: float | str
-    """Longest distance between two samples."""
     max_speed: float | str
-    """Highest speed between two samples."""
     max_turn: float | str
-    """Largest rotation between two samples."""
     max_late: float | str
-    """Largest distance of a sample behind the newest stamp, seconds."""
     severity: Mapping[str, Severity]
-    """Severities by kind of event, where they differ from the default."""
 
 
 @dataclass(frozen=True)

@@ -434,7 +434,7 @@ def publish(
         The name is not valid for a namespace.
     InvalidArgument, TypeError
         An invalid argument, such as an existing file for `keep_lost`; this process already
-        publishes the store under that name; or no epoch is later than an announced one.
+        publishes the store under that name; or the last possible epoch was announced.
     NotSupported
         The package eclipse-zenoh is not installed, or the buffer's engine has no feed.
     ConnectionError

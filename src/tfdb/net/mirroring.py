@@ -176,7 +176,8 @@ class Mirror(Closable):
             It was not `live` at the end of the timeout.
         InvalidArgument
             It is closed, or the timeout is not valid.
-        What ended it
+        The property `error`
+            It ended the mirror.
         """
         left = None if timeout is None else duration_to_nanoseconds(timeout, "timeout") / 1e9
         ends = ("live", "ended", "closed")

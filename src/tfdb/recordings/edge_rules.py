@@ -110,6 +110,6 @@ class EdgeRules:
 
 
 def _pattern(entry: str) -> re.Pattern[str]:
-    """The pattern for a name: `*` stands for any letters, `?` for one."""
+    """The pattern for a name: `*` stands for any characters, `?` for one."""
     parts = {"*": ".*", "?": "."}
     return re.compile("".join(parts.get(each, re.escape(each)) for each in entry), re.DOTALL)

@@ -68,7 +68,7 @@ class Selection:
         Read only the edges that connect these frames. If only one of them is in a tree, it is
         connected to the root.
     exclude
-        Frames, topics or publishing nodes to skip; `*` stands for any letters, `?` for one. The
+        Frames, topics or publishing nodes to skip; `*` stands for any characters, `?` for one. The
         name of a frame skips all its edges, so the frames below it become a separate tree. `frames`
         looks for paths without skipped edges. `"/tf_static:base_link"` skips one edge on one topic,
         named by its child frame.

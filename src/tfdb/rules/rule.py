@@ -38,43 +38,55 @@ EVERY = "*"
 
 
 class RuleOptions(TypedDict, total=False):
-    """Options of a rule: when it fires, and how its action runs."""
+    """Options of a rule: when it fires, and how its action runs.
+
+    Parameters
+    ----------
+    name
+        Name in logs and in `Event.chain`. Default: the name of the function.
+    fires
+        `rises` (default for pairs): the condition was False at the previous evaluation, and is
+        True. `falls`: the reverse. `changes`: it is True, and the pair's transform differs from the
+        previous one. `always` (default for frames): it is True.
+    policy
+        Policy for the lookup of the pair.
+    at
+        Stamp for the lookup of the pair; None: the latest common time.
+    initial
+        Whether the rule fires if the condition of a pair is True at installation. Default: False.
+    retries
+        How often an action with a transaction runs again after a Conflict. Default: 3.
+    serial
+        Rules with the same name here run one at a time, in the order of commits, then of
+        installation.
+    overlap
+        Whether the action may run several times at once, in any order. Default: one at a time, in
+        commit order.
+    max_depth
+        Longest chain of rules that may lead to an event. Default: 16. A longer one is a RuleCycle.
+    max_pending
+        Largest number of events that wait for the action. Default: 1000.
+    keep
+        Which events stay if more than `max_pending` wait. Default: `newest`.
+    debounce
+        The action begins with the newest event, once no event has come for this many seconds.
+    max_rate
+        Largest number of actions per second, each with the newest event.
+    """
 
     name: str
-    """Name in logs and in `Event.chain`. Default: the name of the function."""
     fires: Fires
-    """`rises` (default for pairs): False at the previous evaluation, True now. `falls`: the
-    reverse. `changes`: True, and the pair's transform differs from the previous one. `always`
-    (default for frames): True.
-    """
     policy: Policy | None
-    """Policy for the lookup of the pair."""
     at: StampLike | None
-    """Stamp for the lookup of the pair; None: the latest common time."""
     initial: bool
-    """Whether the rule fires if the condition of a pair is True at installation. Default: False."""
     retries: int
-    """How often an action with a transaction runs again after a Conflict. Default: 3."""
     serial: str
-    """Rules with the same name here run one at a time, in the order of commits, then of
-    installation.
-    """
     overlap: bool
-    """Whether the action may run several times at once, in any order. Default: one at a time, in
-    commit order.
-    """
     max_depth: int
-    """Longest chain of rules that may lead to an event. Default: 16. A longer one is a
-    RuleCycle.
-    """
     max_pending: int
-    """Largest number of events that wait for the action. Default: 1000."""
     keep: Literal["newest", "oldest"]
-    """Which events stay if more than `max_pending` wait. Default: `newest`."""
     debounce: float
-    """The action begins with the newest event, once no event has come for this many seconds."""
     max_rate: float
-    """Largest number of actions per second, each with the newest event."""
 
 
 class Rule:

@@ -471,7 +471,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     ) -> Trajectory:
         """Return the poses with start <= stamp <= end; None: no limit.
 
-        Text as in `load`: `"+1.5"` is 1.5 s after the first stamp, `"-2"` 2 s before the last.
+        Or text, as in `tfdb.recordings.Selection`: `"+1.5"` is 1.5 s after the first stamp, `"-2"`
+        2 s before the last.
         Raises InvalidArgument if `end` lies before `start`, and InvalidStamp.
 
         Examples
