@@ -61,8 +61,8 @@ class Buffer(Freezable, _core.NativeBuffer):
     snapshot_memory
         Largest size in bytes to which the store grows to keep held snapshots readable.
     clock
-        Function that returns the time in nanoseconds, for
-        `lookup_latest_transform(max_age=...)`. None: the system's clock.
+        Function that returns the time in nanoseconds, for `max_age=` of lookups and for
+        expectations. None: the store's clock, which a player may set.
     concurrency
         Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
         The others are research engines for comparison: `giant` (one mutex for everything),

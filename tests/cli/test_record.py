@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import subprocess
@@ -9,11 +10,13 @@ import sys
 import threading
 from typing import TYPE_CHECKING
 
+import click
 import pytest
 from tests.ros.commands import Command
 from tests.sharing.conftest import name
 
 import tfdb
+from tfdb.cli.record import command
 from tfdb.recorder.mcap_file import McapFile
 
 if TYPE_CHECKING:
@@ -32,6 +35,14 @@ def count_of(path: Path) -> int:
     except tfdb.errors.RecordingError:  # no transform yet
         return 0
     return loaded.frame_info("base").samples if "base" in loaded.frames() else 0
+
+
+def test_the_command_and_the_recorder_have_the_same_defaults() -> None:
+    context = click.Context(command)
+    for option, unit in (("queue", 1), ("flush", 1e9)):
+        (given,) = (each for each in command.params if each.name == option)
+        value = given.process_value(context, given.get_default(context))
+        assert value == inspect.signature(tfdb.Recorder).parameters[option].default * unit
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,7 @@ class Recorder(Closable):
         sync: bool = False,
         split_size: int | None = None,
         split_time: float | None = None,
-        queue: int = 256 << 20,
+        queue: int = 256_000_000,
     ) -> None:
         refuse_without(buffer, "buffer", "a Buffer", "commits_bytes", "snapshot")
         self._path = check_path(path, RecordingError)
