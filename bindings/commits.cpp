@@ -202,8 +202,8 @@ void bind_commits(nb::class_<BufferObject, StoreReaderObject>& type) {
              nb::sig("def forget_source(self, source: str) -> bool"),
              R"(Forget how far the commits of a source have been applied.
 
-For a source that has ended, or that begins anew with its clock set back, so that `apply` raises
-Fenced. Its frames stay, and every writer may write them. The next bytes of this source must be a
+Use it if a source has ended, or if `apply` raises Fenced because the clock of the source was set
+back. Its frames stay, and every writer may write them. The next bytes of this source must be a
 state, of any epoch, which replaces its frames. The source's name and prefix stay in use.
 
 Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:

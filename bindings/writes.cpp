@@ -33,35 +33,48 @@ PyMethodDef g_set_transform = {
     "set_transform", as_function(set_transform), METH_FASTCALL | METH_KEYWORDS,
     "set_transform($self, parent, child, stamp, translation, rotation=None, *, rpy=None, "
     "wxyz=None, authority='', change_kind=False, only_new=False)\n--\n\n"
-    "Store T[parent<-child], the pose of `child` in `parent` at a stamp.\n\n"
-    "`set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent,\n"
-    "T.source\n"
-    "the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as\n"
-    "well.\n"
-    "`authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0\n"
-    "holds at\n"
-    "all times and raises InvalidStamp: `set_transforms([T], static=True)` stores it.\n\n"
-    "Parameters\n----------\n"
-    "parent, child\n    Frame names. New names create frames.\n"
-    "stamp\n    Nanoseconds (or an object that holds a stamp).\n"
-    "translation\n    Metres, x y z: a sequence, an array, or an object with x, y, z. Or the\n"
-    "whole\n"
-    "    pose: a 4x4 matrix, 7 numbers x y z qx qy qz qw, a `Transform` T[parent<-child], or an\n"
-    "    object with translation and rotation.\n"
-    "rotation\n    Unit quaternion x y z w, or a Rotation of scipy. A quaternion that is slightly\n"
-    "    off is normalised. Without `rotation`, `rpy` and `wxyz`: not rotated.\n"
-    "rpy\n    In place of `rotation`: roll, pitch, yaw in radians about fixed axes x, y, z, as\n"
-    "in URDF.\n"
-    "wxyz\n    In place of `rotation`: unit quaternion w x y z.\n"
-    "authority\n    Name of the writer.\n"
-    "change_kind\n    Let a static edge become moving. Its static pose is dropped in the same\n"
-    "commit;\n"
-    "    the frames below it stay.\n"
-    "only_new\n    Refuse a stamp that the edge has already. Without it, the later value\n"
-    "    replaces the stored one.\n\n"
-    "Returns\n-------\nint\n    Number of the commit.\n\n"
-    "Raises\n------\nInvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld,\n"
-    "StaticConflict, RepeatedStamp, CycleError, CapacityExceeded. Then nothing was stored."};
+    R"(Store T[parent<-child], the pose of `child` in `parent` at a stamp.
+
+`set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent, T.source
+the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as well.
+`authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0 holds at
+all times and raises InvalidStamp: `set_transforms([T], static=True)` stores it.
+
+Parameters
+----------
+parent, child
+    Frame names. New names create frames.
+stamp
+    Nanoseconds (or an object that holds a stamp).
+translation
+    Metres, x y z: a sequence, an array, or an object with x, y, z. Or the whole pose: a 4x4
+    matrix, 7 numbers x y z qx qy qz qw, a `Transform` T[parent<-child], or an object with
+    translation and rotation.
+rotation
+    Unit quaternion x y z w, or a Rotation of scipy. A quaternion that is slightly off is
+    normalised. Without `rotation`, `rpy` and `wxyz`: not rotated.
+rpy
+    In place of `rotation`: roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF.
+wxyz
+    In place of `rotation`: unit quaternion w x y z.
+authority
+    Name of the writer.
+change_kind
+    Let a static edge become moving. Its static pose is dropped in the same commit; the frames
+    below it stay.
+only_new
+    Refuse a stamp that the edge has already. Without it, the later value replaces the stored one.
+
+Returns
+-------
+int
+    Number of the commit.
+
+Raises
+------
+InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict, RepeatedStamp,
+CycleError, CapacityExceeded
+    Nothing was stored.)"};
 
 }  // namespace
 

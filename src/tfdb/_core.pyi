@@ -694,12 +694,9 @@ class NativeBuffer(StoreReader):
         """
         Store T[parent<-child], the pose of `child` in `parent` at a stamp.
 
-        `set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent,
-        T.source
-        the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as
-        well.
-        `authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0
-        holds at
+        `set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent, T.source
+        the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as well.
+        `authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0 holds at
         all times and raises InvalidStamp: `set_transforms([T], static=True)` stores it.
 
         Parameters
@@ -709,27 +706,23 @@ class NativeBuffer(StoreReader):
         stamp
             Nanoseconds (or an object that holds a stamp).
         translation
-            Metres, x y z: a sequence, an array, or an object with x, y, z. Or the
-        whole
-            pose: a 4x4 matrix, 7 numbers x y z qx qy qz qw, a `Transform` T[parent<-child], or an
-            object with translation and rotation.
+            Metres, x y z: a sequence, an array, or an object with x, y, z. Or the whole pose: a 4x4
+            matrix, 7 numbers x y z qx qy qz qw, a `Transform` T[parent<-child], or an object with
+            translation and rotation.
         rotation
-            Unit quaternion x y z w, or a Rotation of scipy. A quaternion that is slightly
-            off is normalised. Without `rotation`, `rpy` and `wxyz`: not rotated.
+            Unit quaternion x y z w, or a Rotation of scipy. A quaternion that is slightly off is
+            normalised. Without `rotation`, `rpy` and `wxyz`: not rotated.
         rpy
-            In place of `rotation`: roll, pitch, yaw in radians about fixed axes x, y, z, as
-        in URDF.
+            In place of `rotation`: roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF.
         wxyz
             In place of `rotation`: unit quaternion w x y z.
         authority
             Name of the writer.
         change_kind
-            Let a static edge become moving. Its static pose is dropped in the same
-        commit;
-            the frames below it stay.
+            Let a static edge become moving. Its static pose is dropped in the same commit; the frames
+            below it stay.
         only_new
-            Refuse a stamp that the edge has already. Without it, the later value
-            replaces the stored one.
+            Refuse a stamp that the edge has already. Without it, the later value replaces the stored one.
 
         Returns
         -------
@@ -738,8 +731,9 @@ class NativeBuffer(StoreReader):
 
         Raises
         ------
-        InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld,
-        StaticConflict, RepeatedStamp, CycleError, CapacityExceeded. Then nothing was stored.
+        InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict, RepeatedStamp,
+        CycleError, CapacityExceeded
+            Nothing was stored.
         """
     @overload
     def set_transform(
@@ -960,8 +954,8 @@ class NativeBuffer(StoreReader):
         """
         Forget how far the commits of a source have been applied.
 
-        For a source that has ended, or that begins anew with its clock set back, so that `apply` raises
-        Fenced. Its frames stay, and every writer may write them. The next bytes of this source must be a
+        Use it if a source has ended, or if `apply` raises Fenced because the clock of the source was set
+        back. Its frames stay, and every writer may write them. The next bytes of this source must be a
         state, of any epoch, which replaces its frames. The source's name and prefix stay in use.
 
         Returns False, and changes nothing, if nothing of the source was applied. Raises as a write:
