@@ -376,8 +376,8 @@ Writers wait during the call: 5 ms for 10 million samples, 15 ms for 60,000 fram
 each 100 MiB that a shared store returns. Reads go on.
 
 Returns False, and returns no memory, while a snapshot, a transaction or a repeated read uses an
-older state than the newest: call it again later. An open transaction, and the fourth snapshot of a
-process, may count as older than they are. Raises ReadOnly, TransactionActive and Forked;
+older state than the newest: call it again later. It may do so as well while a transaction or more
+than three snapshots are open. Raises ReadOnly, TransactionActive and Forked;
 LockTimeout if another process holds the lock; CorruptStore if the file is damaged.)";
 
 void bind_writes(BufferClass& type) {

@@ -89,7 +89,7 @@ void check_header(int file, const std::string& path, std::size_t bytes, std::uin
     if (!read_whole(file, header, 0) || header[kMagicWord] != kFrozenMagic) {
         throw_corrupt(path, header[kMagicWord] == kSharedMagic
                                 ? "it is a shared store: Buffer.open opens it"
-                                : "not a frozen store of tfdb");
+                                : "not a frozen store of tfdb; tfdb.load reads recordings");
     }
     if (header[kLayoutWord] != layout)
         throw_corrupt(path,

@@ -467,7 +467,8 @@ private:
         if (!row.gone) {
             const FrameId parent = frame(row.parent);
             if (parent == ids_[edge.child])
-                throw_fault(cycle_fault(view_of(edge, row), edge.rows.first, authority_of(edge)));
+                throw_fault(cycle_fault(view_of(edge, row), edge.rows.first, edge.is_static,
+                                        authority_of(edge)));
             return parent;
         }
         may_be_in_use_ = true;
@@ -531,8 +532,8 @@ private:
             replace(least);
         }
         const CommitSample::Edge& edge = edge_of(cycle.item);
-        throw_fault(
-            cycle_fault(view_of(edge, sample_->rows[cycle.item]), cycle.item, authority_of(edge)));
+        throw_fault(cycle_fault(view_of(edge, sample_->rows[cycle.item]), cycle.item,
+                                edge.is_static, authority_of(edge)));
     }
     /// The local parent of a frame of the source is less than one of another frame, and that is
     /// less than a shared edge of another source.

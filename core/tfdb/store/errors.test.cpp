@@ -289,7 +289,8 @@ TFDB_TEST(error_cycles_name_the_edge) {
     const auto error = refused<CycleError>(buffer, {"camera", "map", 2 * kSecond, pose_of(1)});
     CHECK(error && error->detail().edge == "map" && error->detail().parent == "camera");
     CHECK(error && says(*error, "its own ancestor") && says(*error, "nothing was stored"));
-    CHECK_THROWS_AS(set_static(buffer, "base", "map", pose_of(1)), CycleError);
+    const auto fixed = refused<CycleError>(buffer, {"base", "map", 0, pose_of(1)}, true);
+    CHECK(fixed && says(*fixed, "static T['base'<-'map'] from 'ekf' would make"));
     CHECK_EQ(buffer.frames().size(), 5U);
 }
 

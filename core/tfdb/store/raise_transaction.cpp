@@ -72,9 +72,9 @@ void throw_cycle_of(const txn::CommitOutcome& outcome, std::string_view authorit
                     const NameOf& name) {
     const std::string parent = name(outcome.parent);
     const std::string child = name(outcome.child);
-    const StampNs stamp = outcome.stamp < 0 ? 0 : outcome.stamp;
-    const TransformView transform{parent, child, stamp, {}};
-    Error fault = cycle_fault(transform, 0, authority);
+    const bool is_static = outcome.stamp == history::kStaticStamp;
+    const TransformView transform{parent, child, is_static ? 0 : outcome.stamp, {}};
+    Error fault = cycle_fault(transform, 0, is_static, authority);
     fault.detail().index.reset();
     throw CycleError(fault.what(), std::move(fault.detail()));
 }

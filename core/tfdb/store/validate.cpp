@@ -366,13 +366,16 @@ Error frame_in_use(std::string_view name, std::size_t index, std::vector<std::st
                       std::move(detail));
 }
 
-Error cycle_fault(const TransformView& transform, std::size_t index, std::string_view authority) {
+Error cycle_fault(const TransformView& transform, std::size_t index, bool is_static,
+                  std::string_view authority) {
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
     detail.frames = {std::string(transform.child), std::string(transform.parent)};
-    return CycleError(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
-                          " would make " + quoted(transform.child) + " its own ancestor",
-                      std::move(detail));
+    const std::string edge = is_static ? "static " + edge_name(transform)
+                                       : edge_name(transform) + " at " + seconds(transform.stamp);
+    return CycleError(
+        edge + by(authority) + " would make " + quoted(transform.child) + " its own ancestor",
+        std::move(detail));
 }
 
 void Refusals::sort() {

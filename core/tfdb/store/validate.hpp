@@ -87,7 +87,7 @@ void check_may_exist(const Question& question);
 [[nodiscard]] Error frame_in_use(
     std::string_view name, std::size_t index, std::vector<std::string> children,
     const std::string& advice = "remove those first, or pass recursive=True");
-[[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index,
+[[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index, bool is_static,
                                 std::string_view authority);
 
 /// The rejected members of a batch.

@@ -320,7 +320,7 @@ private:
         for (std::size_t i = 0; i < good_.size(); ++i) {
             std::size_t index = indices_[i];
             if (out[i]) {
-                refusals.add(cycle_fault(good_[i], index, batch_.authority()));
+                refusals.add(cycle_fault(good_[i], index, batch_.is_static(), batch_.authority()));
                 if (!take_next(good_[i], index))
                     continue;
             }

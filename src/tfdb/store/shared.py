@@ -67,8 +67,8 @@ def path_of(name: Name) -> Path:
     )
     if fault:
         raise InvalidName(
-            f"the store's name {name!r} {fault}: a name is one word, such as 'robot1'; for a file "
-            "elsewhere give a pathlib.Path",
+            f"the store's name {name!r} {fault}: a name is one word, such as 'robot1'; Python "
+            "takes a pathlib.Path for a file elsewhere",
             reason=fault,
         )
     return FOLDER / (PREFIX + name)
