@@ -24,7 +24,9 @@ CPP := $(shell find core bindings measure tests -name '*.?pp' -not -path '*/env/
 # Address randomisation finer than GCC 12's ThreadSanitizer expects would stop it at start.
 FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
 # pip compiles the extension in this folder. The programs of C++ link the same core there.
-TREE = $(wildcard build/$(shell $(BIN)/python -c 'import sys; print("cp%d%d" % sys.version_info[:2])')-*)
+TREE = $(wildcard build/$(shell $(BIN)/python -c 'import sys, sysconfig; \
+    v = "cp%d%d" % sys.version_info[:2]; \
+    print(v, v + ("t" if sysconfig.get_config_var("Py_GIL_DISABLED") else ""), sep="-")')-*)
 # The naive model is slow under sanitizers, and has one thread: `make test` draws more.
 ONE_SEED := TFDB_MODEL_SEEDS=1
 
