@@ -408,3 +408,13 @@ def test_times_that_are_none() -> None:
     with pytest.raises(tfdb.Extrapolation) as raised:
         clouds.deskew_cloud(cloud, buffer, "odom", time_field="t")
     assert raised.value.index == 5
+    assert not hasattr(raised.value, "__notes__")
+
+
+def test_times_in_another_unit_than_assumed_are_noted() -> None:
+    cloud, _ = timed(7, TIMES * 1e6)
+    with pytest.raises(tfdb.Extrapolation) as raised:
+        clouds.deskew_cloud(cloud, drive(), "odom", time_field="t")
+    (note,) = raised.value.__notes__
+    assert "span 1,850,000 s" in note
+    assert "unit='us'" in note

@@ -10,7 +10,7 @@ have floating-point numbers.
 from __future__ import annotations
 
 from array import array
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -29,12 +29,15 @@ from .message_checks import refuse_unlike
 from .transform_argument import fill_result_header, rigid
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator
 
     import numpy as np
     import numpy.typing as npt
 
 __all__ = ["deskew_cloud", "do_transform_cloud"]
+
+_LONG_SCAN = 60.0
+"""Times of a scan that span more seconds are probably in another unit."""
 
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Types of numpy by a PointField's datatype."""
@@ -258,7 +261,10 @@ def deskew_cloud(
     wanted = np.asarray(np.isfinite(rows).all(axis=1))
     stamps = _stamps(points, time_field, unit, since, wanted)
     store = getattr(buffer, "buffer", buffer)
-    with store.snapshot() if isinstance(store, _core.Buffer) else nullcontext(store) as state:
+    with (
+        _unit_in_errors(stamps, unit),
+        store.snapshot() if isinstance(store, _core.Buffer) else nullcontext(store) as state,
+    ):
         move = _PointMapper(state, (target_frame, source), stamps, fixed_frame, made_at)
         if wanted.any():
             points.put(points.place, move(rows))
@@ -271,6 +277,19 @@ def deskew_cloud(
     if fixed_frame is not None:
         fill_stamp(made.header, made_at)
     return made
+
+
+@contextmanager
+def _unit_in_errors(stamps: npt.NDArray[np.int64], unit: str | None) -> Iterator[None]:
+    """Add a note to an error of a stamp without data if the times seem to be in another unit."""
+    try:
+        yield
+    except errors.Extrapolation as error:
+        seconds = (stamps.max() - stamps.min()) / SECOND
+        if unit is None and seconds > _LONG_SCAN:
+            text = f"the times of the points span {seconds:,.0f} s: if their unit is another one, "
+            error.add_note(f"{text}pass it, for example unit='us'")
+        raise
 
 
 class _PointMapper:
