@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import warnings
 from typing import TYPE_CHECKING, Any
 
@@ -392,6 +393,14 @@ def test_zero_bytes_within_a_file(tmp_path: Path, place: int) -> None:
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped"):
         found = tfdb.Trajectory.read(path, salvage=True)
     assert found.stamps.tolist() == np.delete(STAMPS, place).tolist()
+
+
+@pytest.mark.parametrize("name", ["path", "path.tum", "path.csv.gz"])
+def test_a_trajectory_compressed_with_gzip_is_named_as_such(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(b"0 1 2 3 0 0 0 1\n"))
+    with pytest.raises(tfdb.errors.TrajectoryError, match=f"gzip -dc {name} > FILE"):
+        tfdb.Trajectory.read(path)
 
 
 def test_zero_bytes_alone(tmp_path: Path) -> None:

@@ -84,7 +84,10 @@ _OTHERS = (
     (b"rosbag2_bagfile_information:", "the metadata of a bag folder: give the folder"),
     (b"\x04\x22\x4d\x18", "compressed as a whole with lz4: run `lz4 -d {name}` first"),
     (b"BZh", "compressed as a whole with bzip2: run `bunzip2 {name}` first"),
-    (b"\x1f\x8b", "compressed as a whole with gzip: run `gunzip {name}` first"),
+    (
+        b"\x1f\x8b",
+        "compressed as a whole with gzip: run `gzip -dc {name} > FILE` first, and give FILE",
+    ),
 )
 
 

@@ -36,7 +36,7 @@ class Lines:
         self._ends = raw.endswith((b"\n", b"\r"))
         if raw.startswith(_UTF16):
             raise TrajectoryError(path, None, "UTF-16 text: save it as UTF-8")
-        _check_zeros(path, raw)
+        _check_text(path, raw)
         try:
             text = raw.decode("utf-8-sig", errors="replace" if salvage else "strict")
         except UnicodeDecodeError as error:
@@ -87,8 +87,11 @@ class Lines:
         return self.error(line, f"{reason}; {SALVAGE} skips such rows")
 
 
-def _check_zeros(path: Path, raw: bytes) -> None:
+def _check_text(path: Path, raw: bytes) -> None:
     """Raise TrajectoryError for binary files; text may hold blocks of zero bytes."""
+    if raw.startswith(b"\x1f\x8b"):
+        what = f"compressed with gzip: run `gzip -dc {path.name} > FILE` first, and give FILE"
+        raise TrajectoryError(path, None, what)
     if b"\0" not in raw:
         return
     text = _ZEROS.sub(b"", raw.rstrip(b"\0"))
