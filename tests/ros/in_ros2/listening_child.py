@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from contextlib import suppress
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -44,6 +45,8 @@ try:
         ended.wait(20)
 except (KeyboardInterrupt, ExternalShutdownException):
     if how == "interrupted":
-        rclpy.try_shutdown()
+        # rclpy's thread of signals may shut the context down at the same moment.
+        with suppress(RuntimeError):
+            rclpy.try_shutdown()
     ended.wait(20)
 print("closed", ours.closed)
