@@ -150,8 +150,15 @@ def answered(receiver: Receiver, sender: Sender, now: float) -> Question:
     """Send the due request, and process the answer."""
     question = receiver.question(now)
     assert question is not None
-    receiver.take_answer(sender.answer(question), now)
+    take_answer(receiver, sender.answer(question), now)
     return question
+
+
+def take_answer(receiver: Receiver, answer: list[bytes], now: float) -> None:
+    """Process all messages of an answer, and its end."""
+    for each in answer:
+        receiver.take_reply(each, now)
+    receiver.answered(now)
 
 
 def test_a_late_joiner_takes_the_state_and_goes_on(home: Sender) -> None:
@@ -223,12 +230,12 @@ def test_a_false_head_is_forgotten_when_the_home_answers(home: Sender) -> None:
     write(home._buffer, 2)
     sent = home.next() or b""
     receiver.take(messages.head_bytes(false._replace(commit=1 << 41)), 1.1)
-    receiver.take_answer(answer, 1.2)
+    take_answer(receiver, answer, 1.2)
     assert receiver.state == "catching up", "that was heard after the question"
     receiver.take(sent, 1.3)
     answered(receiver, home, 5.0)
     assert (receiver.state, receiver.newest) == ("live", 12)
-    receiver.take_answer([], 6.0)
+    receiver.answered(6.0)
     assert receiver.state == "live"
 
 

@@ -102,12 +102,6 @@ class Receiver:
 
     # -- input ----------------------------------------------------------------------------
 
-    def take_answer(self, messages: Iterable[bytes], now: float) -> None:
-        """Process all messages of an answer. Raises errors that end the mirror."""
-        for each in messages:
-            self.take_reply(each, now)
-        self.answered(now)
-
     def take_reply(self, data: bytes, now: float) -> None:
         """Process a message of an answer. Raises errors that end the mirror."""
         before = self._head
