@@ -202,7 +202,7 @@ def _show_warning(
 ) -> None:
     """Print a TfdbWarning in one line, and other warnings as Python does."""
     if issubclass(category, tfdb.TfdbWarning):
-        output.say(f"tfdb: warning: {' '.join(str(message).split())}", err=True)
+        output.warn(" ".join(str(message).split()))
     else:
         _show_other_warning(message, category, *where, **more)
 
@@ -219,7 +219,11 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 @click.group(
     cls=TfdbGroup,
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 100,
+        "show_default": True,
+    },
 )
 @click.option(
     "--version",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import layout, output
+from . import output
 from .graph import STORE, listening
 from .groups import OneOf, SuggestingCommand, SuggestingGroup
 from .serve import describe_graph, domain_option, graph_options, master_option, say_end
@@ -101,8 +101,7 @@ def _bridge(
     with listening(graph, history=history, into=name, both_ways=True, origin=origin) as live:
         bridge: Any = live.bridge
         if not as_json:
-            text = f"{graph} as {live.node_name} and shm:{name}; Ctrl-C ends it"
-            output.say(layout.wrap(layout.words(text)))
+            output.say_wrapped(f"{graph} as {live.node_name} and shm:{name}; Ctrl-C ends it")
         try:
             bridge.wait()
         finally:

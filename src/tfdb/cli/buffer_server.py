@@ -7,12 +7,10 @@ from contextlib import ExitStack
 
 import click
 
-import tfdb
-
-from . import common, layout, output
-from .graph import STORE, Live, listening, node_option, open_graph
+from . import common, output
+from .graph import STORE, Live, listening, node_option, open_graph, open_live
 from .groups import SuggestingCommand
-from .times import duration_option
+from .times import seconds_option
 
 
 @click.command("buffer-server", cls=SuggestingCommand)
@@ -26,17 +24,10 @@ from .times import duration_option
     "--action",
     metavar="NAME",
     default="tf2_buffer_server",
-    show_default=True,
     help="Name of the action server of type LookupTransform.",
 )
-@click.option(
-    "-c",
-    "--cache-time",
-    metavar="SECONDS",
-    default="120",
-    show_default=True,
-    callback=duration_option,
-    help="Seconds of history to keep of the graph.",
+@seconds_option(
+    "-c", "--cache-time", default="120", help="Seconds of history to keep of the graph."
 )
 @node_option
 @common.json_option
@@ -53,7 +44,7 @@ def command(*, where: str, store: str | None, action: str, cache_time: int, as_j
         if store is None:
             live = stack.enter_context(listening(where, history=cache_time))
         else:
-            opened = tfdb.Buffer.open(store.removeprefix(STORE), create=False, mode="r")
+            opened = open_live(store)
             node, ended = stack.enter_context(open_graph(where))
             live = Live(opened, node.now, node, ended=ended)
         buffer = tf2.Buffer(buffer=live.store, node=live.node, clock=live.node)
@@ -63,7 +54,6 @@ def command(*, where: str, store: str | None, action: str, cache_time: int, as_j
             output.emit_json("buffer-server", body)
         else:
             origin = "" if store is None else f" from {STORE}{store.removeprefix(STORE)}"
-            text = f"{where} as {live.node_name}, {action}{origin}; Ctrl-C ends it"
-            output.say(layout.wrap(layout.words(text)))
+            output.say_wrapped(f"{where} as {live.node_name}, {action}{origin}; Ctrl-C ends it")
         live.sleep(math.inf)
         live.check()

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from .graph import Live
 
-_KEPT = 10 * NS
-
 
 @click.command("change-notifier", cls=SuggestingCommand)
 @common.file_argument
@@ -45,7 +43,6 @@ _KEPT = 10 * NS
     "--distance",
     type=click.FloatRange(min=0),
     default=0.1,
-    show_default=True,
     metavar="METRES",
     help="Report a motion of SOURCE by this far since the last report.",
 )
@@ -53,7 +50,6 @@ _KEPT = 10 * NS
     "--angle",
     type=click.FloatRange(min=0),
     default=0.1,
-    show_default=True,
     metavar="RADIANS",
     help="Report a rotation of SOURCE by this angle since the last report.",
 )
@@ -62,7 +58,6 @@ _KEPT = 10 * NS
     "--rate",
     type=click.FloatRange(min=0, min_open=True, max=1000),
     default=10.0,
-    show_default=True,
     metavar="HZ",
     help="Largest number of checks per second; for a recording, per recorded second.",
 )
@@ -71,7 +66,6 @@ _KEPT = 10 * NS
     "topic",
     metavar="TOPIC",
     default="tf_changes",
-    show_default=True,
     help="Topic on which a graph gets the changes, as tf2_msgs/TFMessage.",
 )
 @node_option
@@ -99,7 +93,7 @@ def command(
     told = Told(file, distance, angle, as_json=as_json)
     if common.is_live(file):
         refuse_selection((file,), "live", "it")
-        with live_source(file, history=_KEPT) as live:
+        with live_source(file) as live:
             _follow(live, watched, told, rate, topic)
         return
     loaded = common.load((file,))

@@ -30,16 +30,19 @@ from tfdb.store.summary import Forest
 
 from . import common, layout, output
 from .expect import expect_option
-from .graph import LISTENS, Live, is_graph, listening, node_option
+from .graph import LISTENS, Live, is_graph, listening, node_option, open_live
 from .groups import OneOf, SuggestingCommand
 from .info import mixed_body, rows_body, say_rows
 from .selecting import refuse_selection, selection_options
-from .times import NS, duration_option
+from .times import NS, seconds_option
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.console import Console
 
     from tfdb.judging.expectations import Expectations
+    from tfdb.recordings.load_report import LoadReport
 
 
 _ERRORS, _WARNINGS = (
@@ -52,20 +55,12 @@ _EXPECTED = [kind for kind in EVENT_KINDS if kind not in KINDS]
 @click.command("check", cls=SuggestingCommand)
 @common.files_argument
 @common.max_gap_option
-@click.option(
-    "--jump",
-    metavar="SECONDS",
-    default="1",
-    show_default=True,
-    callback=duration_option,
-    help="Largest allowed change of the delay from stamp to arrival.",
+@seconds_option(
+    "--jump", default="1", help="Largest allowed change of the delay from stamp to arrival."
 )
-@click.option(
+@seconds_option(
     "--coverage",
-    metavar="SECONDS",
     default="1",
-    show_default=True,
-    callback=duration_option,
     help="Seconds that an edge may start later, or stop earlier, than the recording.",
 )
 @expect_option
@@ -78,11 +73,9 @@ _EXPECTED = [kind for kind in EVENT_KINDS if kind not in KINDS]
     f"Errors: {', '.join(_ERRORS)}. Warnings: {', '.join(_WARNINGS)}. "
     f"With --expect also: {', '.join(_EXPECTED)}.",
 )
-@click.option(
+@seconds_option(
     "--for",
     "length",
-    metavar="SECONDS",
-    callback=duration_option,
     help="Watch a shared store (shm:NAME) or graph (ros1:, ros2:) for this long, and check the new "
     "data.  [default of a graph: 5]",
 )
@@ -121,14 +114,7 @@ def command(
     if expected is not None:
         found = judge_expectations(arrivals, expected, found)
     found += [
-        *_refused(loaded),
-        *_lost(loaded),
-        *(
-            Finding("container", (), note)
-            for note in (loaded.report.notes if loaded.report else ())
-        ),
-        *_repeated(loaded),
-        *_untimed(loaded),
+        *(() if loaded.report is None else _reported(loaded.report)),
         *_mixed(loaded),
         *_trees(loaded),
         *leading_slashes(arrivals.mixed),
@@ -197,7 +183,7 @@ def _examined(
     if length is None:
         return loaded, stored_arrivals(loaded.store)
     with common.progress_bar("watching") as update:
-        found = watch_arrivals(Live(common.open_live(names[0])), length / NS, update)
+        found = watch_arrivals(Live(open_live(names[0])), length / NS, update)
     return loaded, found
 
 
@@ -217,18 +203,21 @@ def _trees(loaded: common.Loaded) -> list[Finding]:
     return [finding for each in apart.values() for finding in disconnected(each)]
 
 
-def _lost(loaded: common.Loaded) -> list[Finding]:
-    return [
-        Finding("lost", (), str(loss), None, loss.messages, {"bytes": loss.bytes})
-        for loss in (loaded.report.lost if loaded.report else ())
-    ]
-
-
-def _untimed(loaded: common.Loaded) -> list[Finding]:
-    return [
-        Finding("no-time", (), describe_untimed(topic, count), None, count)
-        for topic, count in (loaded.report.untimed if loaded.report else {}).items()
-    ]
+def _reported(report: LoadReport) -> Iterator[Finding]:
+    """Yield the findings that a load report holds."""
+    for each in sorted(report.refused_edges, key=lambda each: (each.error, each.edge)):
+        frames = (each.edge,) if each.edge else ()
+        details = {"error": each.error}
+        yield Finding("refused", frames, describe_refused(each), None, each.count, details)
+    for loss in report.lost:
+        yield Finding("lost", (), str(loss), None, loss.messages, {"bytes": loss.bytes})
+    for note in report.notes:
+        yield Finding("container", (), note)
+    for rows in report.trajectories:  # rows that a later row with another pose replaces
+        if rows.differing:
+            yield Finding("repeated", (), f"{rows.path}: {rows.summary}", None, rows.differing)
+    for topic, count in report.untimed.items():
+        yield Finding("no-time", (), describe_untimed(topic, count), None, count)
 
 
 def _mixed(loaded: common.Loaded) -> list[Finding]:
@@ -244,32 +233,6 @@ def _mixed(loaded: common.Loaded) -> list[Finding]:
         what = f"{len(groups)} groups of topics state different transforms: {listed}"
     message = f"{what}; examined here {loaded.shown}"
     return [Finding("mixed-sources", error.frames or (), message, None, len(body["frames"]), body)]
-
-
-def _repeated(loaded: common.Loaded) -> list[Finding]:
-    """Find rows of trajectory files that a later row with another pose replaces."""
-    return [
-        Finding("repeated", (), f"{rows.path}: {rows.summary}", None, rows.differing)
-        for rows in (loaded.report.trajectories if loaded.report else ())
-        if rows.differing
-    ]
-
-
-def _refused(loaded: common.Loaded) -> list[Finding]:
-    report = loaded.report
-    if report is None:
-        return []
-    return [
-        Finding(
-            "refused",
-            (each.edge,) if each.edge else (),
-            describe_refused(each),
-            None,
-            each.count,
-            {"error": each.error},
-        )
-        for each in sorted(report.refused_edges, key=lambda each: (each.error, each.edge))
-    ]
 
 
 def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> dict[str, Any]:
@@ -305,7 +268,7 @@ _COLUMNS = tuple(
 
 def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> None:
     out = layout.console()
-    out.print(layout.wrap(layout.words(", ".join(loaded.names), *loaded.names)), style="bold")
+    out.print(layout.prose(", ".join(loaded.names), *loaded.names), style="bold")
     rows = [_row(finding) for finding in found]
     made = layout.table(_COLUMNS, rows)
     if rows and layout.fits(made):
@@ -316,16 +279,16 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
     if loaded.report:
         say_rows(out, loaded.report.trajectories)
         for note in (note for rows in loaded.report.trajectories for note in rows.notes):
-            out.print(layout.wrap(layout.words(note)))
+            out.print(layout.prose(note))
     if not arrivals.publishers_known:
         text = "the recording does not name publishers: double publishers cannot be found"
-        out.print(layout.wrap(layout.words(text)), style="dim")
+        out.print(layout.prose(text), style="dim")
     if arrivals.missed:
         text = (
             f"{counted(arrivals.missed, 'commit')} were missed: the store is written faster than "
             "it is watched, and some gaps may be false"
         )
-        out.print(layout.wrap(layout.words(text)))
+        out.print(layout.prose(text))
     count = Counter(finding.severity for finding in found)
     if found:
         errors = counted(count["error"] + count["stale"], "error")
@@ -334,7 +297,7 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
         transforms = loaded.report.transforms if loaded.report else arrivals.log.count
         frames = counted(len(loaded.store.frames()), "frame")
         text = f"nothing wrong with {counted(transforms, 'transform')} of {frames}"
-        out.print(layout.wrap(layout.words(text)))
+        out.print(layout.prose(text))
 
 
 def _show_narrow(out: Console, finding: Finding) -> None:

@@ -23,10 +23,10 @@ from tfdb.store.frozen import is_frozen
 from tfdb.store.summary import Forest
 
 from . import output
-from .graph import STORE, is_graph, listen_once
+from .graph import STORE, is_graph, listen_once, open_live
 from .groups import OneOf
 from .selecting import given, refuse_selection, selected, time_bounds
-from .times import duration_option, warn_of_bounds
+from .times import seconds_option, warn_of_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from tfdb.data.loss import Loss
     from tfdb.data.types import Progress
     from tfdb.recordings.arrivals import ArrivalReader
-    from tfdb.recordings.containers import Source
     from tfdb.recordings.load_report import LoadReport
     from tfdb.recordings.open_recordings import OpenRecordings
 
@@ -77,12 +76,12 @@ def open_selected(paths: Sequence[Path]) -> OpenRecordings:
     return opened
 
 
-def refuse_frozen(paths: Iterable[Path]) -> None:
-    """Refuse frozen stores, because they have no messages."""
+def refuse_frozen(paths: Iterable[Path], lacks: str = "messages") -> None:
+    """Refuse frozen stores, because they have no messages or no arrival times."""
     for path in paths:
         if is_frozen(path):
             raise click.UsageError(
-                f"{path} is a frozen store, which has no messages; give the recording that it was "
+                f"{path} is a frozen store, which has no {lacks}; give the recording that it was "
                 "made from"
             )
 
@@ -93,11 +92,16 @@ def report_losses(losses: Iterable[Loss]) -> None:
         output.say(f"tfdb: salvaged {loss}", err=True)
 
 
-max_gap_option: Callable[[FC], FC] = click.option(
+max_gap_option: Callable[[FC], FC] = seconds_option(
     "--max-gap",
-    metavar="SECONDS",
-    callback=duration_option,
     help="Report only gaps longer than this.  [default: five median periods of each edge]",
+)
+stop_option: Callable[[FC], FC] = seconds_option("--for", "length", help="Stop after this long.")
+watch_option: Callable[[FC], FC] = seconds_option(
+    "--for",
+    "length",
+    help="Watch a shared store (shm:NAME) or graph (ros1:, ros2:) for this long.  "
+    "[default of a graph: 5]",
 )
 more_option: Callable[[FC], FC] = click.option(
     "--with",
@@ -107,20 +111,31 @@ more_option: Callable[[FC], FC] = click.option(
     metavar="FILE",
     help="Read another file of the same recording; repeatable.",
 )
-out_option: Callable[[FC], FC] = click.option(
-    "-o",
-    "--output",
-    "out",
-    required=True,
-    type=click.Path(),
-    metavar="OUT",
-    help="Write this .bag, .mcap or .db3.",
+
+
+def output_option(
+    metavar: str,
+    help: str,  # noqa: A002 - as click calls it
+    *,
+    required: bool = False,
+) -> Callable[[FC], FC]:
+    """Make the option for the file that a command writes."""
+    return click.option(
+        "-o", "--output", "out", required=required, type=click.Path(), metavar=metavar, help=help
+    )
+
+
+out_option: Callable[[FC], FC] = output_option(
+    "OUT", "Write this .bag, .mcap or .db3.", required=True
 )
 format_option: Callable[[FC], FC] = click.option(
     "--format",
     "kind",
     type=OneOf(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
     help="Format of a written trajectory.  [default: by the extension of OUT; .txt is TUM]",
+)
+compress_option: Callable[[FC], FC] = click.option(
+    "--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag."
 )
 overwrite_option: Callable[[FC], FC] = click.option(
     "--overwrite", is_flag=True, help="Replace the output file if it exists."
@@ -180,6 +195,11 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
         if not path.exists():
             raise _missing(name, path)
     return paths
+
+
+def find_files(names: Sequence[str]) -> tuple[Path, ...]:
+    """Check that those of the names exist that are files, not live stores or graphs."""
+    return find_paths([name for name in names if not is_live(name)])
 
 
 def _missing(name: str, path: Path) -> FileNotFoundError:
@@ -281,11 +301,6 @@ def _load(
             shown = "each group under its own prefix, as by --by-namespace"
             if was_apart:
                 shown = "all in one tree, as by --mix"
-
-
-def open_live(name: str) -> Buffer:
-    """Open the store `shm:NAME` for reading."""
-    return tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
 
 
 @contextmanager
@@ -450,20 +465,15 @@ def _example_frames(path: str) -> set[str]:
     with Recording(path) as recording:
         messages = chain.from_iterable(
             islice(recording.messages(wanted), _COMPLETION_MESSAGES)
-            for wanted in (_is_static, _is_moving)
+            for wanted in (
+                lambda source: source.is_static,
+                lambda source: source.holds_transforms and not source.is_static,
+            )
         )
         for source, received, data in messages:
             for transform in rewriter.decoded(data, source, received, static=True):
                 names |= {transform.parent, transform.child}
     return names
-
-
-def _is_static(source: Source) -> bool:
-    return source.is_static
-
-
-def _is_moving(source: Source) -> bool:
-    return source.holds_transforms and not source.is_static
 
 
 target_argument: Callable[[FC], FC] = click.argument("target", shell_complete=complete_frames)

@@ -15,7 +15,7 @@ from . import common, layout, output
 from .groups import OneOf, SuggestingCommand
 from .pictures import need_matplotlib, picture_files, write_pictures
 from .selecting import given, selection_options
-from .times import NS, duration_option, offset_option
+from .times import NS, offset_option, seconds_option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,15 +49,12 @@ _OPTIONS = (
         "--association",
         type=OneOf(("interpolate", "nearest", "rows")),
         default="interpolate",
-        show_default=True,
         help="interpolate: interpolate the trajectory with more poses at the stamps of the other. "
         "nearest: match the nearest pose, as evo does. rows: match row by row, the default for two "
         "KITTI files without times.",
     ),
-    click.option(
+    seconds_option(
         "--max-diff",
-        metavar="SECONDS",
-        callback=duration_option,
         help="Largest time between two matched poses.  [default: 0.01; for interpolation, 2.5 "
         "median periods]",
     ),
@@ -66,14 +63,12 @@ _OPTIONS = (
         metavar="SECONDS|estimate",
         callback=_offset,
         default="0",
-        show_default=True,
         help="Clock offset to add to the stamps of ESTIMATE; 'estimate' computes it.",
     ),
     click.option(
         "--align",
         type=OneOf(_ALIGN),
         default="se3",
-        show_default=True,
         help="Transform to fit before the comparison. se3: rotation and translation. sim3: also a "
         "scale. scale: only a scale. yaw: yaw angle and translation. origin: make the first poses "
         "equal.",
@@ -88,14 +83,12 @@ _OPTIONS = (
         "--delta",
         type=click.FloatRange(min=0, min_open=True),
         default=1.0,
-        show_default=True,
         help="Length of the segments of the relative error (RPE).",
     ),
     click.option(
         "--delta-unit",
         type=OneOf(_UNITS),
         default="frames",
-        show_default=True,
         help="Unit of --delta: matched poses, metres, seconds, degrees, radians.",
     ),
     click.option(
@@ -105,14 +98,12 @@ _OPTIONS = (
         "--delta-tolerance",
         type=click.FloatRange(min=0),
         default=0.1,
-        show_default=True,
         help="With --all-pairs: relative tolerance on --delta.",
     ),
     click.option(
         "--pairs-from",
         type=OneOf(("estimate", "reference")),
         default="estimate",
-        show_default=True,
         help="Trajectory whose path defines the segments.",
     ),
 )
@@ -164,10 +155,8 @@ def command(
     recordings, FILE.tfdb, shm:NAME or a live graph (ros1:, ros2:), heard for 5 s. Translations are
     in metres, rotations in degrees.
     """
-    read = common.find_paths([name for name in (reference, estimate) if not common.is_live(name)])
-    outs = picture_files(saved, estimate, "compare")
-    for path in outs:
-        common.check_output(str(path), read, overwrite=overwrite)
+    read = reference, estimate
+    outs = picture_files(saved, estimate, "compare", read, overwrite=overwrite)
     if outs:
         need_matplotlib()
     found, ours, theirs = find(reference, estimate, frames, "with --frames", options)
@@ -184,7 +173,7 @@ def command(
     if outs:
         output.say()
     for path in outs:
-        output.say(layout.wrap(layout.words(f"{path}: the comparison", str(path))))
+        output.say_wrapped(f"{path}: the comparison", str(path))
 
 
 def _has_frames(name: str) -> bool:
@@ -238,12 +227,7 @@ def find(
     return found, ours, theirs
 
 
-def _read(
-    name: str,
-    frames: Sequence[str] | None,
-    how: str,
-    reading: Reading,
-) -> Trajectory:
+def _read(name: str, frames: Sequence[str] | None, how: str, reading: Reading) -> Trajectory:
     """Read the reference or the estimate."""
     if not _has_frames(name):
         from tfdb.comparing.inputs import to_trajectory  # noqa: PLC0415 - brings numpy

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import logging
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import layout, output
+from . import output
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from tfdb.net import Event, Home, Mirror, Session
 
@@ -46,29 +46,21 @@ def network_options(function: Any) -> Any:
     return function
 
 
-def _warn(text: str) -> None:
-    output.say(f"tfdb: warning: {text}", err=True)
-
-
-@contextmanager
 def connected(
     connect: tuple[str, ...],
     listen: tuple[str, ...],
     config: str | None,
-    missing: Callable[[str], None] = _warn,
+    missing: Callable[[str], None] = output.warn,
     *,
     wait: float | None = None,
-) -> Iterator[Session]:
-    """Open the connection that the options describe.
+) -> Session:
+    """Return the connection that the options describe, for a `with` statement.
 
     It waits for a missing router, and calls `missing` once.
     """
     from tfdb.net import Session  # noqa: PLC0415 - Zenoh is an extra
 
-    with Session(
-        connect=connect, listen=listen, config=config, wait=wait, on_wait=missing
-    ) as session:
-        yield session
+    return Session(connect=connect, listen=listen, config=config, wait=wait, on_wait=missing)
 
 
 def follow_events(command: str, what: Home | Mirror, *, as_json: bool) -> None:
@@ -88,4 +80,4 @@ def show_event(command: str, event: Event, *, as_json: bool) -> None:
         output.emit_json_line(command, body)
         sys.stdout.flush()
         return
-    output.say(layout.wrap(layout.words(str(event), event.name)))
+    output.say_wrapped(str(event), event.name)

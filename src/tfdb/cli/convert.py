@@ -15,7 +15,7 @@ from tfdb.recordings.recording_writer import RecordingWriter
 from tfdb.recordings.rewriting import Written, rewrite
 from tfdb.recordings.selection import absolute
 
-from . import common, layout, output
+from . import common, output
 from .groups import SuggestingCommand
 from .selecting import selection_options
 
@@ -39,7 +39,7 @@ RERUN = ".rrd"
     help="Frames of a written trajectory: T[TARGET<-SOURCE] at each stored stamp.",
 )
 @click.option("--foxglove", is_flag=True, help="Write an .mcap with messages that Foxglove draws.")
-@click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
+@common.compress_option
 @common.format_option
 @common.overwrite_option
 @selection_options
@@ -106,7 +106,7 @@ def command(
     what = describe(written)
     if frames is not None:
         what = f"{counted(written.transforms, 'pose')} of {frames[1]} in {frames[0]}"
-    output.say(layout.wrap(layout.words(f"{out}: {what}", out, *(frames or ()))))
+    output.say_wrapped(f"{out}: {what}", out, *(frames or ()))
 
 
 def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path:

@@ -20,7 +20,7 @@ from .angles import pose_body
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
 from .selecting import refuse_selection, selection_options
-from .times import LATEST, NS, TimeSpec, duration_option, offset_option, time_option, warn_of_bounds
+from .times import LATEST, NS, TimeSpec, offset_option, seconds_option, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     "--rate",
     type=click.FloatRange(min=0, min_open=True, max=1000),
     default=1.0,
-    show_default=True,
     metavar="HZ",
     help="Transforms per second; from a recording, per recorded second.",
 )
@@ -68,18 +67,9 @@ if TYPE_CHECKING:
     "--precision",
     type=click.IntRange(min=0, max=17),
     default=3,
-    show_default=True,
     help="Digits after the decimal point.",
 )
-@click.option(
-    "-c",
-    "--cache-time",
-    metavar="SECONDS",
-    default="10",
-    show_default=True,
-    callback=duration_option,
-    help="Seconds of history to keep of a graph.",
-)
+@seconds_option("-c", "--cache-time", default="10", help="Seconds of history to keep of a graph.")
 @common.policy_option
 @node_option
 @selection_options
@@ -224,10 +214,6 @@ def _steps(
             return
 
 
-def _children(found: Transform) -> list[str]:
-    return [edge.child for edge in found.report.edges]
-
-
 @dataclass
 class Printer:
     """Prints transforms and errors; a repeated error is printed once."""
@@ -288,7 +274,8 @@ class Printer:
         digits = self.precision
         for row in matrix:
             yield "  " + " ".join(f"{value:{digits + 6}.{digits}f}" for value in row)
-        yield layout.wrap(layout.words(f"- Age: {self._age(found, now)}", *_children(found)))
+        children = [edge.child for edge in found.report.edges]
+        yield layout.prose(f"- Age: {self._age(found, now)}", *children)
 
     def _list(self, values: Any) -> str:
         return f"[{', '.join(f'{value:.{self.precision}f}' for value in values)}]"

@@ -12,7 +12,6 @@ from . import common, layout, output
 from .graph import node_option
 from .groups import SuggestingCommand
 from .selecting import selection_options
-from .times import duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,33 +35,14 @@ expect_option: Callable[[FC], FC] = expect_option_of(required=False)
 
 @click.command("expect", cls=SuggestingCommand)
 @common.files_argument
-@click.option(
-    "-o",
-    "--output",
-    "out",
-    metavar="OUT.toml",
-    type=click.Path(),
-    help="Write this file.  [default: print the expectations]",
-)
+@common.output_option("OUT.toml", "Write this file.  [default: print the expectations]")
 @common.overwrite_option
-@click.option(
-    "--for",
-    "length",
-    metavar="SECONDS",
-    callback=duration_option,
-    help="Watch a shared store (shm:NAME) or graph (ros1:, ros2:) for this long.  "
-    "[default of a graph: 5]",
-)
+@common.watch_option
 @node_option
 @selection_options
 @common.json_option
 def command(
-    *,
-    files: tuple[str, ...],
-    out: str | None,
-    overwrite: bool,
-    length: int | None,
-    as_json: bool,
+    *, files: tuple[str, ...], out: str | None, overwrite: bool, length: int | None, as_json: bool
 ) -> None:
     """Propose expectations from a good recording: deadlines, ages, steps.
 
@@ -78,15 +58,13 @@ def command(
     from .check import examined  # noqa: PLC0415 - it has the option of this module
 
     if out is not None:
-        live = any(common.is_live(name) for name in files)
-        inputs = () if live else common.find_paths(files)
-        common.check_output(out, inputs, overwrite=overwrite)
+        common.check_output(out, common.find_files(files), overwrite=overwrite)
     _, arrivals = examined(files, length)
     proposed = propose_for(arrivals)
     broken = sorted({each.kind for each in judge_recording(arrivals, proposed)})
     if broken:
         text = f"{', '.join(files)} is not a good recording: it has {', '.join(broken)}"
-        output.say(f"tfdb: warning: {layout.safe(text)}; 'tfdb check' lists them", err=True)
+        output.warn(f"{layout.safe(text)}; 'tfdb check' lists them")
     if out is not None:
         proposed.write(out, overwrite=overwrite)
     if as_json:
@@ -98,4 +76,4 @@ def command(
     else:
         text = f"{out}: expectations of {counted(len(proposed.edges), 'edge')}"
         text += f" and {len(proposed.authorities)} authorities"
-        output.say(layout.wrap(layout.words(text, out)))
+        output.say_wrapped(text, out)

@@ -8,7 +8,7 @@ import click
 
 import tfdb
 
-from .times import NS, duration_option
+from .times import NS, seconds_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,13 +20,8 @@ if TYPE_CHECKING:
 into_option: Callable[[FC], FC] = click.option(
     "--into", metavar="NAME", required=True, help="Name of the store; a missing one is created."
 )
-history_option: Callable[[FC], FC] = click.option(
-    "--history",
-    metavar="SECONDS",
-    default="10",
-    show_default=True,
-    callback=duration_option,
-    help="Seconds of history that a new store keeps.",
+history_option: Callable[[FC], FC] = seconds_option(
+    "--history", default="10", help="Seconds of history that a new store keeps."
 )
 
 

@@ -12,7 +12,7 @@ from tfdb.data.counting import counted
 from tfdb.data.path_checks import check_path
 from tfdb.store.frozen import SUFFIX
 
-from . import common, layout, output
+from . import common, output
 from .graph import listen_option
 from .groups import SuggestingCommand
 from .selecting import selection_options
@@ -20,14 +20,7 @@ from .selecting import selection_options
 
 @click.command("freeze", cls=SuggestingCommand)
 @common.files_argument
-@click.option(
-    "-o",
-    "--output",
-    "out",
-    metavar="OUT.tfdb",
-    type=click.Path(),
-    help="Write this file.  [default: NAME.tfdb beside the first FILE]",
-)
+@common.output_option("OUT.tfdb", "Write this file.  [default: NAME.tfdb beside the first FILE]")
 @common.overwrite_option
 @listen_option
 @selection_options
@@ -48,10 +41,9 @@ def command(
     ros2:), OUT gets the transforms that the command receives. Keep the recording: other versions of
     tfdb and other kinds of machines cannot read OUT.
     """
-    live = any(common.is_live(name) for name in files)
-    inputs = () if live else common.find_paths(files)
+    inputs = common.find_files(files)
     if out is None:
-        if live:
+        if len(inputs) < len(files):
             raise click.UsageError(f"{files[0]} has no folder: give -o OUT.tfdb")
         first = check_path(files[0])
         first = first if first.name.strip(".") else first.resolve()
@@ -67,12 +59,12 @@ def command(
         return
     text = f"{out}: {counted(body['samples'], 'sample')} of {counted(body['frames'], 'frame')}, "
     text += f"{body['bytes'] / (1 << 20):,.1f} MiB"
-    output.say(layout.wrap(layout.words(text, out)))
+    output.say_wrapped(text, out)
 
 
 def _body(loaded: common.Loaded, out: str) -> dict[str, Any]:
     infos = loaded.store.tree()
-    covered = loaded.span
+    start, end = loaded.span or (None, None)
     frozen = tfdb.open(out).frozen
     return {
         "files": list(loaded.names),
@@ -80,6 +72,6 @@ def _body(loaded: common.Loaded, out: str) -> dict[str, Any]:
         "frames": len(infos),
         "samples": sum(info.samples for info in infos),
         "bytes": frozen.size if frozen is not None else 0,
-        "start_ns": None if covered is None else covered[0],
-        "end_ns": None if covered is None else covered[1],
+        "start_ns": start,
+        "end_ns": end,
     }

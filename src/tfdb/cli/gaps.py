@@ -16,7 +16,6 @@ from .check import examined
 from .graph import node_option
 from .groups import SuggestingCommand
 from .selecting import selection_options
-from .times import duration_option
 
 if TYPE_CHECKING:
     from tfdb.judging.doctor import Hole
@@ -25,14 +24,7 @@ if TYPE_CHECKING:
 @click.command("gaps", cls=SuggestingCommand)
 @common.files_argument
 @common.max_gap_option
-@click.option(
-    "--for",
-    "length",
-    metavar="SECONDS",
-    callback=duration_option,
-    help="Watch a shared store (shm:NAME) or graph (ros1:, ros2:) for this long.  "
-    "[default of a graph: 5]",
-)
+@common.watch_option
 @node_option
 @selection_options
 @layout.wide_option
@@ -66,7 +58,7 @@ def command(
     else:
         frames = counted(len(loaded.store.frames()), "frame")
         text = f"no gaps in {counted(arrivals.log.count, 'transform')} of {frames}"
-        out.print(layout.wrap(layout.words(text)))
+        out.print(layout.prose(text))
     layout.say_refused(out, loaded.report)
 
 

@@ -149,16 +149,13 @@ class Live:
     def wait(self, until: float) -> bool:
         """Wait for a new commit until a monotonic time; return whether one came.
 
-        Raises NodeClosed when the graph's node ends, NoSuchStore when the store is removed.
+        Raises BufferClosed when the graph's node ends, NoSuchStore when the store is removed.
         """
         left = None if math.isinf(until) else max(until - time.monotonic(), 0.0)
         try:
             self.commit = self.store.wait_for_commit(self.commit, left)
         except tfdb.WaitTimeout:
             return False
-        except tfdb.errors.BufferClosed:
-            self.check()
-            raise
         return True
 
     def sleep(self, until: float) -> None:
@@ -222,7 +219,7 @@ def _join_when_up(join: Callable[[], Node]) -> Node:
         except ConnectionError as error:
             if not told:
                 text = " ".join(str(error).split())
-                output.say(f"tfdb: warning: {text}; waiting for it", err=True)
+                output.warn(f"{text}; waiting for it")
             told = True
         time.sleep(_AGAIN)
 
@@ -247,6 +244,8 @@ def listening(
 
     `history`: nanoseconds that a new store keeps; None: everything. `both_ways`: a bridge also
     sends the commits of the shared store; `origin` as in `Bridge`. It waits for a missing graph.
+
+    Raises NodeClosed instead of BufferClosed if the graph's node has ended.
     """
     from tfdb import tf2  # noqa: PLC0415 - only those who listen need it
 
@@ -273,19 +272,27 @@ def listening(
             served = None if into is None else node
             buffer = tf2.Buffer(buffer=store, node=served, clock=node, flavor=node.flavor)
             live.listener = tf2.TransformListener(buffer, node, spin_thread=True)
-        yield live
+        try:
+            yield live
+        except tfdb.errors.BufferClosed:
+            live.check()
+            raise
 
 
 @contextmanager
-def live_source(name: str, *, history: int | None) -> Iterator[Live]:
+def live_source(name: str, *, history: int = 10 * NS) -> Iterator[Live]:
     """Open the live source of a command: a graph, or a shared store."""
     if is_graph(name):
         with listening(name, history=history) as live:
             yield live
     else:
-        store = tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
-        with store:
+        with open_live(name) as store:
             yield Live(store, commit=store.commit)
+
+
+def open_live(name: str) -> tfdb.Buffer:
+    """Open the store `shm:NAME` for reading."""
+    return tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
 
 
 def listen_once(
@@ -303,10 +310,7 @@ def listen_once(
         heard = live.store.snapshot(), live.now()
     if live.commit == 0:
         waited = format_duration(listening_time())
-        output.say(
-            f"tfdb: warning: no message arrived on /tf and /tf_static of {name} in {waited}",
-            err=True,
-        )
+        output.warn(f"no message arrived on /tf and /tf_static of {name} in {waited}")
     return heard
 
 

@@ -49,7 +49,7 @@ def command(*, files: tuple[str, ...], as_json: bool) -> None:
 
 
 def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
-    whole = loaded.span
+    start, end = loaded.span or (None, None)
     report = loaded.report
     return {
         "files": list(loaded.names),
@@ -70,8 +70,8 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
         "mixed": None if loaded.mixed is None else mixed_body(loaded.mixed),
         "frames": len(loaded.store.frames()),
         "roots": [info.name for info in loaded.store.tree() if info.parent is None],
-        "start_ns": None if whole is None else whole[0],
-        "end_ns": None if whole is None else whole[1],
+        "start_ns": start,
+        "end_ns": end,
         "edges": [edge_body(edge) for edge in edges],
     }
 
@@ -92,7 +92,7 @@ def say_rows(out: Console, trajectories: Sequence[TrajectoryRows]) -> None:
     """Print how many rows of each trajectory file were read, repeated or skipped."""
     for rows in trajectories:
         name = f"{check_path(rows.path).name}: " if len(trajectories) > 1 else ""
-        out.print(layout.wrap(layout.words(f"{name}{rows.summary}")))
+        out.print(layout.prose(f"{name}{rows.summary}"))
 
 
 def edge_body(edge: EdgeSummary) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
     report = loaded.report
     infos = loaded.store.tree()
     whole = loaded.span
-    out.print(layout.wrap(layout.words(", ".join(loaded.names), *loaded.names)), style="bold")
+    out.print(layout.prose(", ".join(loaded.names), *loaded.names), style="bold")
     if whole is not None:
         text = f"{format_ns(whole[0])} to {format_ns(whole[1])}"
         out.print(layout.wrap([text, f" ({format_duration(whole[1] - whole[0])})"]))
@@ -133,7 +133,7 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
         given += f"{counted(report.transforms, 'transform')}, "
     static = counted(len(edges) - moving, "static edge")
     counts = f"{given}{counted(len(infos), 'frame')}, {moving} moving and {static}"
-    out.print(layout.wrap(layout.words(counts)))
+    out.print(layout.prose(counts))
     if report:
         layout.say_refused(out, report)
         say_rows(out, report.trajectories)

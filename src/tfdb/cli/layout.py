@@ -110,6 +110,11 @@ def wrap(chunks: Iterable[str], indent: str = "  ") -> str:
     return "\n".join(lines)
 
 
+def prose(text: str, *names: str) -> str:
+    """Break prose into lines of the terminal's width, but no name of `names`."""
+    return wrap(words(text, *names))
+
+
 def cells(text: str) -> int:
     """Return the width of a text in columns; some characters take two."""
     from rich.cells import cell_len
@@ -161,15 +166,13 @@ def table(
     for row in cleaned:
         made.add_row(*(row[i] for i in shown))
     if lacks and cleaned:
-        made.caption = Text(wrap(words(f"--wide shows also: {', '.join(lacks)}")), style="dim")
+        made.caption = Text(prose(f"--wide shows also: {', '.join(lacks)}"), style="dim")
         made.caption_justify = "left"
     return made
 
 
 def _text(cell: Cell) -> Text:
-    from rich.text import Text
-
-    return Text(safe(cell)) if isinstance(cell, str) else cell
+    return _styled(cell) if isinstance(cell, str) else cell
 
 
 def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[Text]]) -> list[int]:
@@ -215,12 +218,14 @@ def say_refused(out: Console, report: LoadReport | None) -> None:
     """Print the counts of refused messages and transforms, if any were refused."""
     if report and report.refused_edges:
         text = f"{report.refused_counts}; 'tfdb check' lists the reasons"
-        out.print(wrap(words(text)), style="red")
+        out.print(prose(text), style="red")
 
 
 def literal(text: str) -> Text:
     """Return a text without markup."""
-    return _styled(text, "", clean=False)
+    from rich.text import Text
+
+    return Text(text)
 
 
 def fits(made: Table) -> bool:
@@ -238,7 +243,7 @@ def loud(text: str) -> Text:
     return _styled(text, "bold red")
 
 
-def _styled(text: str, style: str, *, clean: bool = True) -> Text:
+def _styled(text: str, style: str = "") -> Text:
     from rich.text import Text
 
-    return Text(safe(text) if clean else text, style=style)
+    return Text(safe(text), style=style)

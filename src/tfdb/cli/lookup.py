@@ -139,7 +139,7 @@ def _show(found: Transform, span: tuple[int, int] | None) -> None:
         out.print(layout.table(_COLUMNS, [_row(n, edges.get(n), found.stamp) for n in names]))
     limiting = found.report.limiting_edge
     if limiting is not None:
-        out.print(layout.wrap(layout.words(f"limited by {limiting.child}")), style="dim")
+        out.print(layout.prose(f"limited by {limiting.child}"), style="dim")
 
 
 def _row(name: str, edge: Any, stamp: int) -> tuple[Any, ...]:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     help="Put TEXT before the frame names of one FILE. Give the option once for each FILE, in the "
     "order of the FILEs; '' adds nothing.",
 )
-@click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
+@common.compress_option
 @common.overwrite_option
 @partial(selection_options, without=("prefix",))
 @common.json_option
@@ -73,7 +73,7 @@ def command(
     if as_json:
         output.emit_json("merge", body(inputs, out, written))
     else:
-        output.say(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
+        output.say_wrapped(f"{out}: {describe(written)}", out)
 
 
 def _merge(inputs: Sequence[Path], prefixes: Sequence[str], writer: RecordingWriter) -> Written:

@@ -9,7 +9,7 @@ import click
 
 from tfdb.data.counting import counted
 
-from . import common, layout, output
+from . import common, output
 from .connecting import connected, follow_events, network_options, show_event
 from .filling import history_option, into_option, open_store
 from .graph import STORE
@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 @click.argument("name", metavar="NAME")
 @into_option
 @click.option(
-    "--prefix", default="", metavar="TEXT", help="Put TEXT before the name of each frame."
+    "--prefix",
+    default="",
+    show_default=False,
+    metavar="TEXT",
+    help="Put TEXT before the name of each frame.",
 )
 @click.option(
     "--shared",
@@ -83,8 +87,7 @@ def command(
         ) as following,
     ):
         if not as_json:
-            text = f"{name} into shm:{store}; Ctrl-C ends it"
-            output.say(layout.wrap(layout.words(text, name)))
+            output.say_wrapped(f"{name} into shm:{store}; Ctrl-C ends it", name)
         follow_events("mirror", following, as_json=as_json)
         state = following.state
     _show_end(following, store, state, began, as_json=as_json)
@@ -103,4 +106,4 @@ def _show_end(mirror: Mirror, store: str, state: str, began: float, *, as_json: 
         return
     text = f"commit {commit}: {counted(stats.commits, 'commit')}, {counted(stats.states, 'state')}"
     text += f", {counted(stats.requests, 'request')} to the home, {stats.bytes / 1e6:,.1f} MB"
-    output.say(layout.wrap(layout.words(text)))
+    output.say_wrapped(text)

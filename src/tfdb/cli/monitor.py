@@ -21,7 +21,6 @@ from tfdb.judging.rates import Delays, Frame, Rates
 from tfdb.recordings.arrivals import ArrivalReader
 from tfdb.recordings.load_report import Tally
 from tfdb.recordings.recording import Run
-from tfdb.store.frozen import is_frozen
 from tfdb.store.report import frames_passed
 from tfdb.store.summary import Forest
 from tfdb.store.waiting import NO_ANSWER_YET
@@ -32,7 +31,7 @@ from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
 from .in_place import InPlace
 from .selecting import refuse_selection, selection_options
-from .times import NS, duration_option
+from .times import NS, seconds_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -46,32 +45,14 @@ if TYPE_CHECKING:
     from tfdb.judging.judge import Rows
     from tfdb.recordings.arrivals import RecordedArrivals
 
-_KEPT = 10 * NS
-
 
 @click.command("monitor", cls=SuggestingCommand)
 @common.file_argument
 @click.argument("target", required=False, shell_complete=common.complete_frames)
 @click.argument("source", required=False, shell_complete=common.complete_frames)
-@click.option(
-    "--every",
-    metavar="SECONDS",
-    default="1",
-    show_default=True,
-    callback=duration_option,
-    help="Seconds between two reports.",
-)
-@click.option(
-    "--window",
-    metavar="SECONDS",
-    default="10",
-    show_default=True,
-    callback=duration_option,
-    help="Seconds over which rates and delays are computed.",
-)
-@click.option(
-    "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
-)
+@seconds_option("--every", default="1", help="Seconds between two reports.")
+@seconds_option("--window", default="10", help="Seconds over which rates and delays are computed.")
+@common.stop_option
 @node_option
 @expect_option
 @selection_options
@@ -112,7 +93,7 @@ def command(
         _show_recording(file, chain, expected, screen)
         return
     refuse_selection((file,), "live", "it")
-    with live_source(file, history=_KEPT) as live, screen:
+    with live_source(file) as live, screen:
         watch = Watch(
             live.store,
             chain,
@@ -212,11 +193,7 @@ def _show_recording(
 ) -> None:
     """Play a recording without waiting, and report it as a whole."""
     (path,) = common.find_paths((file,))
-    if is_frozen(path):
-        raise click.UsageError(
-            f"{file} is a frozen store, which has no arrival times; give the recording that it was "
-            "made from"
-        )
+    common.refuse_frozen([path], lacks="arrival times")
     reader = ArrivalReader(lambda source: source.authority)
     loaded = common.load([file], arrivals=reader)
     recorded = cast("RecordedArrivals", reader.found)
@@ -343,7 +320,7 @@ class Screen:
             yield layout.quiet(f"{len(names) - len(shown):,} more frames")
         why = _why_no_delay((name, frames[name][1]) for name in names)
         if why:
-            yield layout.literal(layout.wrap(layout.words(why, *names)))
+            yield layout.literal(layout.prose(why, *names))
         yield ""
         yield layout.table(
             _PUBLISHERS,
@@ -354,7 +331,7 @@ class Screen:
         )
         if missed:
             text = f"{counted(missed, 'commit')} were missed: they come faster than they are read"
-            yield layout.literal(layout.wrap(layout.words(text)))
+            yield layout.literal(layout.prose(text))
 
     def _chain_line(self, watch: Watch) -> str:
         target, source = self._chain or ("", "")

@@ -15,7 +15,7 @@ from . import common, layout, output
 from .connecting import connected, network_options
 from .groups import SuggestingCommand, SuggestingGroup
 from .in_place import InPlace
-from .times import NS, duration_option
+from .times import NS, seconds_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -54,14 +54,7 @@ def command() -> None:
 
 @command.command("top", cls=SuggestingCommand)
 @click.argument("name", required=False, metavar="[NAME]")
-@click.option(
-    "--period",
-    metavar="SECONDS",
-    default="1",
-    show_default=True,
-    callback=duration_option,
-    help="Seconds between two updates.",
-)
+@seconds_option("--period", default="1", help="Seconds between two updates.")
 @click.option("--once", is_flag=True, help="Show one update, and end.")
 @network_options
 @layout.wide_option

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from .layout import safe
+from .layout import prose, safe
 
 SCHEMA = 1
 """Version of the JSON output. Within a version keys are added, never renamed or removed."""
@@ -24,6 +24,16 @@ def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
     `click.echo` would write UTF-8 to an ASCII output.
     """
     click.echo(text, sys.stderr if err else sys.stdout, nl=nl)
+
+
+def warn(text: str) -> None:
+    """Print a warning on stderr."""
+    say(f"tfdb: warning: {text}", err=True)
+
+
+def say_wrapped(text: str, *names: str) -> None:
+    """Print prose in lines of the terminal's width; no name of `names` is broken."""
+    say(prose(text, *names))
 
 
 def emit_json(command: str | None, body: dict[str, Any]) -> None:

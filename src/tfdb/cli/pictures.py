@@ -20,8 +20,13 @@ if TYPE_CHECKING:
 FORMATS = ("png", "svg", "pdf")
 
 
-def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
-    """Return the files to write; a format means FILE_KIND.FORMAT in the current folder."""
+def picture_files(
+    saved: Sequence[str], file: str, kind: str, read: Sequence[str], *, overwrite: bool
+) -> list[Path]:
+    """Return the files to write, checked; a format means FILE_KIND.FORMAT in the current folder.
+
+    `read`: names of what the command reads; none of these is written.
+    """
     found: list[Path] = []
     for text in saved:
         form = text.lower()
@@ -37,6 +42,9 @@ def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
         if path in found:
             raise click.UsageError(f"--save names {path} twice")
         found.append(path)
+    inputs = common.find_files(read)
+    for path in found:
+        common.check_output(str(path), inputs, overwrite=overwrite)
     return found
 
 

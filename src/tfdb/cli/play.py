@@ -17,7 +17,7 @@ import tfdb
 from tfdb.data.time_text import format_duration
 from tfdb.player.controls import CONTROLS, KEYS, obey
 
-from . import common, layout, output
+from . import common, output
 from .filling import history_option, into_option, open_store
 from .graph import STORE, open_graph
 from .groups import SuggestingCommand
@@ -54,7 +54,6 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
     default=1.0,
-    show_default=True,
     callback=_speed_option,
     help="Play this many times as fast as recorded. inf plays without waiting, and does not set "
     "the clock.",
@@ -82,7 +81,6 @@ def _speed_option(_context: click.Context, _option: click.Parameter, value: floa
     "--clock-rate",
     type=click.FloatRange(min=0, min_open=True, max=1000),
     default=40.0,
-    show_default=True,
     metavar="HZ",
     help="Clock messages per second.",
 )
@@ -136,10 +134,9 @@ def command(
             player.tally.count(recording, recordings.choice)
         keys = not control and sys.stdin.isatty() and sys.stdout.isatty()
         if not as_json:
-            text = f"{', '.join(names)} into shm:{name}; Ctrl-C ends it"
-            output.say(layout.wrap(layout.words(text, *names)))
+            output.say_wrapped(f"{', '.join(names)} into shm:{name}; Ctrl-C ends it", *names)
             if keys:
-                output.say(layout.wrap(layout.words(_KEYS_HELP)))
+                output.say_wrapped(_KEYS_HELP)
         began = time.monotonic()
         try:
             with (
@@ -156,7 +153,7 @@ def command(
             if as_json:
                 output.emit_json("play", {"files": names, "store": name, **body})
             else:
-                output.say(layout.wrap(layout.words(_describe(player, told, began))))
+                output.say_wrapped(_describe(player, told, began))
 
 
 def _check_played(player: Player, rewriter: Rewriter, names: str) -> None:

@@ -9,13 +9,13 @@ from click.core import ParameterSource
 
 import tfdb
 
-from . import common, layout, output
+from . import common, output
 from .compare import comparison_options, find, title_of
 from .graph import listen_option
 from .groups import OneOf, SuggestingCommand
 from .pictures import need_matplotlib, picture_files, write_pictures
 from .selecting import selection_options
-from .times import NS, duration_option
+from .times import NS, seconds_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -67,17 +67,13 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
     type=OneOf(("time", "speed")),
     help="Color a trajectory by time or speed.",
 )
-@click.option(
-    "--max-gap",
-    metavar="SECONDS",
-    callback=duration_option,
-    help="Mark gaps longer than this in a timeline.  [default: five median periods]",
+@seconds_option(
+    "--max-gap", help="Mark gaps longer than this in a timeline.  [default: five median periods]"
 )
 @click.option(
     "--rows",
     type=click.IntRange(min=0),
     default=100,
-    show_default=True,
     help="Largest number of rows of a tree or timeline. Beyond it, subtrees are folded into single "
     "rows. 0: no limit.",
 )
@@ -117,10 +113,8 @@ def command(
     _check_options(kind, comparing)
     _check_frames(kind, frames, more)
     names = (file, *more, *(frames[:1] if kind == "compare" else ()))
-    outs = picture_files(saved or (() if show else ("png",)), file, kind)
-    read = common.find_paths([name for name in names if not common.is_live(name)])
-    for path in outs:
-        common.check_output(str(path), read, overwrite=overwrite)
+    saved = saved or (() if show else ("png",))
+    outs = picture_files(saved, file, kind, names, overwrite=overwrite)
     need_matplotlib()
     from tfdb import plot  # noqa: PLC0415 - an extra
 
@@ -146,8 +140,7 @@ def command(
         output.emit_json("plot", body)
     elif outs:
         said = "comparison" if kind == "compare" else kind
-        text = f"{', '.join(map(str, outs))}: the {said} of {file}"
-        output.say(layout.wrap(layout.words(text)))
+        output.say_wrapped(f"{', '.join(map(str, outs))}: the {said} of {file}")
     if show:
         _show(figure)
 

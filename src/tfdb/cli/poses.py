@@ -16,7 +16,7 @@ from tfdb.data.path_checks import errors_name
 from tfdb.data.time_text import format_duration, format_ns
 from tfdb.recordings.containers import TRAJECTORIES
 
-from . import common, layout, output
+from . import common, output
 from .graph import listen_option
 from .groups import SuggestingCommand
 from .selecting import selection_options
@@ -67,13 +67,9 @@ class Poses:
 )
 @click.option("--start", metavar="TIME", callback=time_option, help="Earliest time of a pose.")
 @click.option("--end", metavar="TIME", callback=time_option, help="Latest time of a pose.")
-@click.option(
-    "-o",
-    "--output",
-    "out",
-    type=click.Path(),
-    metavar="OUT",
-    help="Write this .tum, .csv, .npz or .parquet file. For other formats see --format.  [default: "
+@common.output_option(
+    "OUT",
+    "Write this .tum, .csv, .npz or .parquet file. For other formats see --format.  [default: "
     "TUM to stdout]",
 )
 @click.option(
@@ -118,8 +114,7 @@ def command(
     wanted = None if stamps_file is None else _stamps(stamps_file)
     if out is not None:
         read = (file, *more, *([] if stamps_file in (None, "-") else [stamps_file]))
-        files = [name for name in read if not common.is_live(name)]
-        common.check_output(out, common.find_paths(files), overwrite=overwrite)
+        common.check_output(out, common.find_files(read), overwrite=overwrite)
     loaded = common.load((file, *more))
     store = loaded.store
     target, source = common.find_frames(store, target, source)
@@ -148,8 +143,7 @@ def command(
     if as_json:
         output.emit_json("poses", _body(loaded, made, out))
     elif out is not None:
-        text = f"{out}: {_describe(made)}"
-        output.say(layout.wrap(layout.words(text, out, target, source)))
+        output.say_wrapped(f"{out}: {_describe(made)}", out, target, source)
 
 
 def _check_format(out: str | None, kind: Format | None) -> None:

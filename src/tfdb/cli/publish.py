@@ -10,11 +10,11 @@ import click
 import tfdb
 from tfdb.data.counting import counted
 
-from . import common, layout, output
+from . import common, output
 from .connecting import connected, follow_events, network_options
-from .graph import STORE, is_graph
+from .graph import STORE, is_graph, open_live
 from .groups import SuggestingCommand
-from .times import NS, duration_option
+from .times import NS, seconds_option
 
 if TYPE_CHECKING:
     from tfdb import Buffer
@@ -24,12 +24,9 @@ if TYPE_CHECKING:
 @click.command("publish", cls=SuggestingCommand)
 @click.argument("source", metavar="STORE|FILE")
 @click.option("--as", "name", required=True, metavar="NAME", help="Namespace to publish under.")
-@click.option(
+@seconds_option(
     "--max-delay",
-    metavar="SECONDS",
     default="0.002",
-    show_default=True,
-    callback=duration_option,
     help="Longest time that a commit waits, so that it is sent together with later ones.",
 )
 @click.option(
@@ -91,8 +88,7 @@ def command(
         ) as home,
     ):
         if not as_json:
-            text = f"{source} as {name}; Ctrl-C ends it"
-            output.say(layout.wrap(layout.words(text, source, name)))
+            output.say_wrapped(f"{source} as {name}; Ctrl-C ends it", source, name)
         follow_events("publish", home, as_json=as_json)
         state = home.state
     _show_end(home, source, state, began, as_json=as_json)
@@ -105,7 +101,7 @@ def _open(source: str) -> Buffer:
         try:  # a home that stops makes its store read-only, one that begins makes it writable
             return tfdb.Buffer.open(source.removeprefix(STORE), create=False)
         except tfdb.errors.ReadOnly:  # this user may read it
-            return common.open_live(source)
+            return open_live(source)
     if is_graph(source):
         raise click.UsageError(
             f"{source} is a live graph: fill a shared store with 'tfdb serve', and publish that"
@@ -122,4 +118,4 @@ def _show_end(home: Home, source: str, state: str, began: float, *, as_json: boo
         return
     text = f"{counted(stats.commits, 'commit')} in {counted(stats.messages, 'message')}"
     text += f", {stats.bytes / 1e6:,.1f} MB, {counted(stats.answers, 'answer')}"
-    output.say(layout.wrap(layout.words(text)))
+    output.say_wrapped(text)

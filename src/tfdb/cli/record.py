@@ -12,23 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
 from tfdb.recordings.selection import Selection
 
-from . import common, layout, output
+from . import common, output
 from .graph import STORE, live_source, node_option
 from .groups import SuggestingCommand
 from .selecting import given, selection_options
-from .times import NS, duration_option
+from .times import NS, seconds_option
 
 if TYPE_CHECKING:
     from tfdb.recorder import Recorder
 
     from .graph import Live
 
-_KEPT = 10 * NS
 _LOOK = 0.2
 """Seconds between two checks whether the source still exists."""
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*(?:([kMGT]?)(i?)B)?", re.IGNORECASE)
@@ -54,24 +52,15 @@ def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -
 
 @click.command("record", cls=SuggestingCommand)
 @click.argument("source", metavar="STORE|ros1:|ros2:")
-@click.option(
-    "-o",
-    "--output",
-    "out",
+@common.output_option(
+    "OUT.mcap",
+    "Write this file. It is called OUT.mcap.part until it is complete.",
     required=True,
-    type=click.Path(),
-    metavar="OUT.mcap",
-    help="Write this file. It is called OUT.mcap.part until it is complete.",
 )
-@click.option(
-    "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
-)
-@click.option(
+@common.stop_option
+@seconds_option(
     "--flush",
-    metavar="SECONDS",
     default="0.5",
-    show_default=True,
-    callback=duration_option,
     help="Write recorded commits to the file this often. Written commits survive a kill of the "
     "process.",
 )
@@ -86,17 +75,11 @@ def size_option(ctx: click.Context, param: click.Parameter, value: str | None) -
     callback=size_option,
     help="Start a new file beyond this size: OUT_0.mcap, OUT_1.mcap and so on.",
 )
-@click.option(
-    "--split-time",
-    metavar="SECONDS",
-    callback=duration_option,
-    help="Start a new file after this long.",
-)
+@seconds_option("--split-time", help="Start a new file after this long.")
 @click.option(
     "--queue",
     metavar="SIZE",
     default="256MB",
-    show_default=True,
     callback=size_option,
     help="Buffer at most this much while the disk is slow. Commits beyond it are lost.",
 )
@@ -148,7 +131,7 @@ def command(
             f"{source} is a file: give a live store or graph; 'tfdb convert' rewrites a recording"
         )
     began = time.monotonic()
-    with live_source(source, history=_KEPT) as live:
+    with live_source(source) as live:
         recorder = Recorder(
             live.store,
             out,
@@ -162,13 +145,8 @@ def command(
             **given(),
         )
         if not as_json:
-            text = f"{source} into {out}; Ctrl-C ends it"
-            output.say(layout.wrap(layout.words(text, source, out)))
-        try:
-            _record(live, recorder, math.inf if length is None else began + length / NS)
-        except tfdb.errors.BufferClosed:
-            live.check()  # the end of its node closes it
-            raise
+            output.say_wrapped(f"{source} into {out}; Ctrl-C ends it", source, out)
+        _record(live, recorder, math.inf if length is None else began + length / NS)
         _show(recorder, source, time.monotonic() - began, as_json=as_json)
     if recorder.lost:
         click.get_current_context().exit(1)
@@ -198,4 +176,4 @@ def _show(recorder: Recorder, source: str, seconds: float, *, as_json: bool) -> 
         return
     text = f"{', '.join(files)}: {counted(recorder.commits, 'commit')}"
     text += f", {recorder.size / 1e6:,.1f} MB, recorded in {format_duration(round(seconds * NS))}"
-    output.say(layout.wrap(layout.words(text, *files)))
+    output.say_wrapped(text, *files)

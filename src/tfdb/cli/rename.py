@@ -6,7 +6,7 @@ import click
 
 from tfdb.recordings.recording_writer import RecordingWriter
 
-from . import common, layout, output
+from . import common, output
 from .convert import body, describe, recording_path, write_selected
 from .groups import SuggestingCommand
 from .selecting import given, selection_options
@@ -15,7 +15,7 @@ from .selecting import given, selection_options
 @click.command("rename", cls=SuggestingCommand)
 @common.file_argument
 @common.out_option
-@click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
+@common.compress_option
 @common.overwrite_option
 @selection_options
 @common.json_option
@@ -45,4 +45,4 @@ def command(
     if as_json:
         output.emit_json("rename", body(inputs, out, written))
     else:
-        output.say(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
+        output.say_wrapped(f"{out}: {describe(written)}", out)

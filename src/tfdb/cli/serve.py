@@ -14,7 +14,7 @@ from tfdb.data.time_text import format_duration
 from tfdb.recordings.following import Following, refuse_mixture_so_far
 from tfdb.store.summary import span
 
-from . import common, layout, output
+from . import common, output
 from .filling import history_option, into_option, open_store
 from .graph import STORE, listening, node_option
 from .groups import OneOf, SuggestingCommand, SuggestingGroup
@@ -82,8 +82,7 @@ def follow(
     refuse_mixture_so_far(path, selection)
     store = open_store(name, history)
     if not as_json:
-        text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"
-        output.say(layout.wrap(layout.words(text, file)))
+        output.say_wrapped(f"{file} into shm:{name}, as it grows; Ctrl-C ends it", file)
     following = Following(store, path, selection, timeout=timeout)
     try:
         following.run()
@@ -104,7 +103,7 @@ def _show_followed(report: LoadReport, file: str, name: str, *, as_json: bool) -
         output.emit_json("serve follow", {"files": [file], "store": name, **shown, **more})
         return
     passed = format_duration(round(report.seconds * NS))
-    output.say(layout.wrap(layout.words(f"{report.stored_counts}, loaded in {passed}")))
+    output.say_wrapped(f"{report.stored_counts}, loaded in {passed}")
 
 
 def graph_options(function: Any) -> Any:
@@ -115,10 +114,18 @@ def graph_options(function: Any) -> Any:
 
 
 master_option: Callable[[FC], FC] = click.option(
-    "--master", metavar="URI", default="", help="URI of the ROS master.  [default: ROS_MASTER_URI]"
+    "--master",
+    metavar="URI",
+    default="",
+    show_default=False,
+    help="URI of the ROS master.  [default: ROS_MASTER_URI]",
 )
 domain_option: Callable[[FC], FC] = click.option(
-    "--domain", metavar="ID", default="", help="Number of the ROS domain.  [default: ROS_DOMAIN_ID]"
+    "--domain",
+    metavar="ID",
+    default="",
+    show_default=False,
+    help="Number of the ROS domain.  [default: ROS_DOMAIN_ID]",
 )
 
 
@@ -166,8 +173,7 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
     began = time.monotonic()
     with listening(graph, history=history, into=name) as live:
         if not as_json:
-            text = f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it"
-            output.say(layout.wrap(layout.words(text)))
+            output.say_wrapped(f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it")
         try:
             live.sleep(math.inf)
             live.check()

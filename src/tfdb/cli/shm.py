@@ -15,7 +15,7 @@ from tfdb.data.time_text import format_dates, format_duration, format_ns
 from tfdb.store.shared import find_stores, path_of
 
 from . import common, layout, output
-from .graph import STORE
+from .graph import STORE, open_live
 from .groups import SuggestingCommand, SuggestingGroup
 from .times import NS
 
@@ -62,7 +62,7 @@ def list_stores(*, as_json: bool) -> None:
     for body in found:
         if body["error"] is not None:
             layout.console().print(
-                layout.wrap(layout.words(f"{body['name']}: {body['error']}")), style="bold red"
+                layout.prose(f"{body['name']}: {body['error']}"), style="bold red"
             )
 
 
@@ -78,7 +78,7 @@ _COLUMNS = (
 
 def _look(name: str) -> dict[str, Any]:
     try:
-        return {"name": name, "error": None, **_body(common.open_live(name))}
+        return {"name": name, "error": None, **_body(open_live(name))}
     except tfdb.TfdbError as error:
         return {"name": name, "error": output.describe_error(error)}
 
@@ -150,7 +150,7 @@ def describe(*, name: str, as_json: bool) -> None:
 
     Example: tfdb shm info robot1
     """
-    store = common.open_live(name)
+    store = open_live(name)
     body = {"name": name.removeprefix(STORE), **_body(store)}
     covered = store._span()
     body["start_ns"], body["end_ns"] = covered or (None, None)

@@ -13,7 +13,7 @@ import tfdb
 from tfdb.data.path_checks import errors_name
 from tfdb.robots.urdf import load_urdf
 
-from . import common, layout, output, selecting
+from . import common, output, selecting
 from .angles import quaternion_of
 from .graph import STORE, is_graph, node_option, open_graph, wait_for_end
 from .groups import SuggestingCommand
@@ -132,7 +132,7 @@ def _show_published(
     more = f" and {len(transforms) - 5} more" if len(transforms) > 5 else ""
     by = f" as {node}; Ctrl-C ends it" if node else ""
     names = [name for one in transforms[:5] for name in (one.parent, one.child)]
-    output.say(layout.wrap(layout.words(f"{where}{by}: {listed}{more}", *names)))
+    output.say_wrapped(f"{where}{by}: {listed}{more}", *names)
 
 
 def _by_place(values: Sequence[str]) -> tfdb.TransformStamped:

@@ -19,6 +19,8 @@ from . import output
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from click.decorators import FC
+
 NS = NS_PER_SECOND
 
 HINT = (
@@ -65,7 +67,7 @@ def warn_of_bounds(span: tuple[int, int] | None, **bounds: TimeSpec | None) -> N
     for name, time in bounds.items():
         if time is not None and (question := ask_of_offsets(span, time)):
             text = f"--{name} {time.text} is before the first moving transform; {question}"
-            output.say(f"tfdb: warning: {text}", err=True)
+            output.warn(text)
 
 
 def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -> TimeSpec | None:
@@ -93,6 +95,17 @@ def _looks_like_ns(text: str) -> bool:
 def duration_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
     """Convert an option's text to a duration: `10`, `10s`, `0.5`, or nanoseconds with `ns`."""
     return _length_option(ctx, param, value, read_length)
+
+
+def seconds_option(
+    *names: str,
+    help: str,  # noqa: A002 - as click calls it
+    default: str | None = None,
+) -> Callable[[FC], FC]:
+    """Make an option for a duration; the command gets nanoseconds, or None without one."""
+    return click.option(
+        *names, metavar="SECONDS", default=default, callback=duration_option, help=help
+    )
 
 
 def offset_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:

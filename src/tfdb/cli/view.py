@@ -55,7 +55,6 @@ _KEPT = 60 * NS
 @click.option(
     "--host",
     default="127.0.0.1",
-    show_default=True,
     metavar="ADDRESS",
     help="Address to listen on. On other addresses than loopback, browsers need the token in the "
     "printed URL.",
@@ -143,11 +142,7 @@ def command(
         return
     refuse_selection((file,), "live", "it")
     with live_source(file, history=_KEPT) as live:
-        try:
-            serve(_live(file, live, expected))
-        except tfdb.errors.BufferClosed:
-            live.check()
-            raise
+        serve(_live(file, live, expected))
 
 
 def _urdf(file: str) -> str | None:
@@ -192,9 +187,6 @@ def _serve_foxglove(file: str, host: str, port: int, ready: Callable[[str], None
     with live_source(file, history=_KEPT) as live:
         try:
             serve_foxglove(live.store, file, host=host, port=port, ready=ready)
-        except tfdb.errors.BufferClosed:
-            live.check()
-            raise
         except OSError as error:
             raise _no_port(host, port, error) from error
 
@@ -254,10 +246,7 @@ def _recording(file: str, expected: Expectations | None) -> Model:
     (path,) = common.find_paths((file,))
     if is_frozen(path):
         if expected is not None:
-            raise click.UsageError(
-                f"{file} is a frozen store, which has no arrival times; give the recording that it "
-                "was made from"
-            )
+            common.refuse_frozen([path], lacks="arrival times")
         refuse_selection((file,), "a frozen store", "FILE.tfdb")
         return Model(tfdb.open(path), file, opening=f"buf = tfdb.open({file!r})")
     opening = "" if given() else f"buf = tfdb.load({file!r})"

@@ -35,13 +35,9 @@ _PICTURES = (".svg", ".pdf", ".png")
 
 @click.command("view-frames", cls=SuggestingCommand)
 @common.files_argument
-@click.option(
-    "-o",
-    "--output",
-    "out",
-    metavar="OUT",
-    type=click.Path(),
-    help="Write this .pdf, .svg, .png, .dot or .gv file. '-' writes DOT to stdout. With any other "
+@common.output_option(
+    "OUT",
+    "Write this .pdf, .svg, .png, .dot or .gv file. '-' writes DOT to stdout. With any other "
     "extension, OUT.gv and OUT.pdf are written.  [default: frames_DATE_TIME]",
 )
 @common.overwrite_option
@@ -95,7 +91,7 @@ def _outputs(out: str | None, files: Sequence[str], *, overwrite: bool) -> list[
     single = path.suffix.lower() in (*_DOT, *_PICTURES)
     # Append the extension: the name may have a dot, as the default does.
     found = [path] if single else [path.with_name(path.name + end) for end in (".gv", ".pdf")]
-    read = common.find_paths([name for name in files if not common.is_live(name)])
+    read = common.find_files(files)
     for each in found:
         common.check_output(str(each), read, overwrite=overwrite)
     return found

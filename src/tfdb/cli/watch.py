@@ -18,7 +18,7 @@ from . import common, layout, output
 from .expect import expect_option_of
 from .graph import is_graph, live_source, node_option
 from .groups import SuggestingCommand
-from .times import NS, duration_option
+from .times import NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -29,16 +29,13 @@ if TYPE_CHECKING:
 
     from .graph import Live
 
-_KEPT = 10 * NS
 _STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "stale": "magenta"}
 
 
 @click.command("watch", cls=SuggestingCommand)
 @common.file_argument
 @expect_option_of(required=True)
-@click.option(
-    "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
-)
+@common.stop_option
 @click.option(
     "--diagnostics",
     is_flag=True,
@@ -70,7 +67,7 @@ def command(
         raise click.UsageError(f"--diagnostics needs ros1: or ros2:, and {file} is a store")
     expected = Expectations.read(expect)
     counts: Counter[str] = Counter()
-    with live_source(file, history=_KEPT) as live:
+    with live_source(file) as live:
         publisher = Diagnostics(live.node) if diagnostics and live.node is not None else None
         try:
             for events in watch_events(live, expected, length):
@@ -135,7 +132,7 @@ def watch_events(live: Live, expected: Expectations, length: int | None) -> Iter
         events = judge.take(judge.read(min(time.monotonic() + LOOK, ends)))
         if judge.missed > missed:
             text = f"{counted(judge.missed - missed, 'commit')} were missed"
-            output.say(f"tfdb: warning: {text}: they come faster than they are read", err=True)
+            output.warn(f"{text}: they come faster than they are read")
             missed = judge.missed
         yield events
         live.check()
