@@ -12,6 +12,7 @@ import click
 import tfdb
 from tfdb.data.path_checks import errors_name
 from tfdb.robots.urdf import load_urdf
+from tfdb.store.summary import static_edges
 
 from . import common, output, selecting
 from .angles import quaternion_of
@@ -175,10 +176,8 @@ def _read(name: str) -> Iterator[tfdb.TransformStamped]:
         yield from _of_json(name)
     else:
         store = common.load((name,)).store
-        for info in store.tree():
-            if info.is_static and info.parent is not None:
-                pose = store.samples(info.name)[1][0].tolist()
-                yield tfdb.TransformStamped(info.parent, info.name, 0, pose[:3], pose[3:])
+        for info, parent, pose in static_edges(store):
+            yield tfdb.TransformStamped(parent, info.name, 0, pose[:3], pose[3:])
 
 
 def _of_json(name: str) -> Iterator[tfdb.TransformStamped]:

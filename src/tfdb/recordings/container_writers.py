@@ -9,7 +9,6 @@ import bz2
 import json
 import sqlite3
 import struct
-import sys
 from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 from tfdb._core import MessageChunk
 from tfdb.data.errors import RecordingError
 
+from .raw_file import zstd_module
 from .tf_definition import ROS1_DIGEST, ROS1_TEXT, ROS2_DIGEST, ROS2_TEXT, TYPE, qos_text
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ class _Mcap(_Chunked):
 
     def __init__(self, path: Path, named: Path, *, compress: bool) -> None:
         super().__init__(path, named, MessageChunk("mcap"))
-        self._pack: Callable[[bytes], bytes] = _zstd if compress else bytes
+        self._pack: Callable[[bytes], bytes] = zstd_module().compress if compress else bytes
         self._packing = b"zstd" if compress else b""
         self._indexes: list[bytes] = []
         self._counts: Counter[int] = Counter()
@@ -302,14 +302,6 @@ def _mcap_record(kind: int, content: bytes) -> bytes:
 
 def _mcap_text(*texts: str) -> bytes:
     return b"".join(_with_length(text.encode()) for text in texts)
-
-
-def _zstd(data: bytes) -> bytes:
-    if sys.version_info >= (3, 14):
-        from compression import zstd  # noqa: PLC0415 - most files are not packed
-    else:
-        from backports import zstd  # noqa: PLC0415
-    return zstd.compress(data)
 
 
 # -- ROS 2 databases ------------------------------------------------------------------------------

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from tfdb._core import Buffer
-    from tfdb.data.errors import TfdbError
     from tfdb.data.loss import Loss
     from tfdb.data.types import IngestResult
     from tfdb.robots.joint_states import JointReport
@@ -254,45 +253,33 @@ class Tally:
             self.reasons[name] += refusal.count
             self.first_refusals.setdefault(name, refusal.first)
         for each in result.refused_edges:
-            self._add_refused(each)
+            key = each.edge, each.error, each.is_message
+            before = self.refused_edges.get(key)
+            self.refused_edges[key] = each if before is None else _more(before, each.count)
 
-    def _add_refused(self, refused: RefusedEdge) -> None:
-        key = refused.edge, refused.error, refused.is_message
-        before = self.refused_edges.get(key)
-        if before is not None:
-            refused = replace(before, count=before.count + refused.count)
-        self.refused_edges[key] = refused
-
-    def _add_error(self, error: TfdbError, edge: str, *, is_message: bool) -> None:
-        """Count an error that occurred before the store."""
-        name = type(error).__name__
-        self.reasons[name] += 1
-        self.first_refusals.setdefault(name, str(error))
-        self._add_refused(RefusedEdge(edge, name, 1, str(error), is_message))
-
-    def _name_ways_on(self, rewriter: Rewriter) -> None:
-        """Add the remedies of loading to the errors of edges that are both static and moving."""
+    def _with_way_on(self, refused: RefusedEdge, rewriter: Rewriter) -> RefusedEdge:
+        """Add the remedy of loading to the error of an edge that is both static and moving."""
         conflict = "StaticConflict"
-        for key, each in self.refused_edges.items():
-            if each.error != conflict:
-                continue
-            frame = rewriter.old_name(each.edge)
-            text = way_on(each.first, frame, {t.name: t.static for t in self.topics.values()})
-            if self.first_refusals[conflict] == each.first:
-                self.first_refusals[conflict] = text
-            self.refused_edges[key] = replace(each, first=text)
+        if refused.error != conflict:
+            return refused
+        frame = rewriter.old_name(refused.edge)
+        text = way_on(refused.first, frame, {t.name: t.static for t in self.topics.values()})
+        if self.first_refusals[conflict] == refused.first:
+            self.first_refusals[conflict] = text
+        return replace(refused, first=text)
 
     def report(
         self, files: tuple[str, ...], seconds: float, rewriter: Rewriter, *, empty: bool = False
     ) -> LoadReport:
         """Return the report; raise RecordingError if nothing was stored, unless that is allowed."""
-        for error in rewriter.refusals:
-            self.refused += 1
-            self._add_error(error, "", is_message=True)
-        for error in rewriter.refused_members:
-            self.refused_transforms += 1
-            self._add_error(error, error.edge or "", is_message=False)
-        self._name_ways_on(rewriter)
+        self.refused += len(rewriter.refusals)
+        self.refused_transforms += len(rewriter.refused_members)
+        for error in (*rewriter.refusals, *rewriter.refused_members):
+            name = type(error).__name__
+            self.reasons[name] += 1
+            self.first_refusals.setdefault(name, str(error))
+        refused = refused_by([rewriter], self.refused_edges.values())
+        refused = [self._with_way_on(each, rewriter) for each in refused]
         if not self.transforms and not empty:
             path = ", ".join(files)
             if not self.refused and rewriter.left_out:
@@ -300,8 +287,7 @@ class Tally:
             if not self.refused:
                 lost = "".join(f"; {loss}" for loss in self.lost)
                 raise RecordingError(path, f"its topics of transforms hold no transform{lost}")
-            most = max(self.refused_edges.values(), key=lambda each: each.count)
-            raise RecordingError(path, f"all messages were refused; {describe_refused(most)}")
+            raise RecordingError(path, f"all messages were refused; {describe_refused(refused[0])}")
         return LoadReport(
             files=files,
             messages=self.messages,
@@ -323,9 +309,7 @@ class Tally:
             untimed=dict(rewriter.untimed),
             notes=tuple(self.notes),
             refused_transforms=self.refused_transforms,
-            refused_edges=tuple(
-                sorted(self.refused_edges.values(), key=lambda each: each.count, reverse=True)
-            ),
+            refused_edges=tuple(refused),
         )
 
 
@@ -362,9 +346,12 @@ def refused_by(
         members = ((error.edge or "", error, False) for error in rewriter.refused_members)
         for edge, error, is_message in chain(whole, members):
             key = edge, type(error).__name__, is_message
-            before = found.get(key) or RefusedEdge(*key[:2], 0, str(error), is_message)
-            found[key] = replace(before, count=before.count + 1)
+            found[key] = _more(found.get(key) or RefusedEdge(*key[:2], 0, str(error), is_message))
     return sorted(found.values(), key=lambda each: (-each.count, not each.is_message))
+
+
+def _more(refused: RefusedEdge, count: int = 1) -> RefusedEdge:
+    return replace(refused, count=refused.count + count)
 
 
 def describe_refused(refused: RefusedEdge) -> str:

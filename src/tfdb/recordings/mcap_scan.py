@@ -382,7 +382,5 @@ def _messages_in(
     found = Recorded()
     try:
         add_chunk(found, raw, wanted, learn)
-    except Exception:
+    finally:  # damage ends the chunk; the messages before it are read
         yield from map(found.__getitem__, range(len(found)))
-        raise
-    yield from map(found.__getitem__, range(len(found)))

@@ -74,7 +74,7 @@ def decode_poses(data: bytes, source: Source, child: str | None, received: int) 
     except TfdbError:
         raise
     except _BROKEN as error:
-        raise _corrupt(source, f"no {source.type} in {source.encoding}: {error}") from None
+        raise _corrupt(source, _unreadable(source, error)) from None
     made: list[TransformStamped] = []
     refused: list[TfdbError] = []
     untimed = 0
@@ -83,8 +83,7 @@ def decode_poses(data: bytes, source: Source, child: str | None, received: int) 
             refused.append(each)
             continue
         if isinstance(each, Exception):
-            what = f"no {source.type} in {source.encoding}: {each}"
-            refused.append(_corrupt(source, what))
+            refused.append(_corrupt(source, _unreadable(source, each)))
             continue
         stamp, above, named, pose = each
         # One leading slash is dropped, as in every message.
@@ -101,6 +100,10 @@ def decode_poses(data: bytes, source: Source, child: str | None, received: int) 
     return Poses(made, untimed, refused)
 
 
+def _unreadable(source: Source, error: Exception) -> str:
+    return f"no {source.type} in {source.encoding}: {error}"
+
+
 def _corrupt(source: Source, reason: str) -> CorruptMessage:
     return CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason)
 
@@ -115,11 +118,9 @@ def decode_joint_state(data: bytes, source: Source) -> JointState:
     except TfdbError:
         raise
     except (struct.error, ValueError) as error:
-        reason = f"no {source.type} in {source.encoding}: {error}"
-        raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason) from None
+        raise _corrupt(source, _unreadable(source, error)) from None
     if positions and len(positions) != len(names):
-        reason = f"{len(names)} joints and {len(positions)} positions"
-        raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason)
+        raise _corrupt(source, f"{len(names)} joints and {len(positions)} positions")
     return JointState(stamp, dict(zip(names, positions, strict=False)))
 
 
@@ -150,7 +151,7 @@ class _Fields:
         return self._take("d", 8, count)
 
     def count(self, width: int) -> int:
-        """Read the length of a sequence; `least` is the smallest size of a member in bytes."""
+        """Read the length of a sequence; `width` is the smallest size of a member in bytes."""
         (count,) = self._take("I", 4)
         left = len(self._data) - self._at
         if count * width > left:

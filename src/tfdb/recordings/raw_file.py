@@ -116,7 +116,7 @@ def _one_frame(packed: Packed, size: int) -> bytes | None:
 
     None for any other data, valid or not.
     """
-    zstd = _zstd()
+    zstd = zstd_module()
     unpacker = zstd.ZstdDecompressor()
     try:
         if zstd.get_frame_info(packed).decompressed_size != size:
@@ -154,7 +154,7 @@ def unpack_the_start(packing: str, packed: Packed, size: int) -> Packed:
 
 def unpack_message(packed: bytes) -> bytes:
     """Return the bytes of one message that is a zstd frame."""
-    zstd = _zstd()
+    zstd = zstd_module()
     unpacker = zstd.ZstdDecompressor()
     try:
         raw: bytes = unpacker.decompress(packed, MAX_MESSAGE + 1)
@@ -202,12 +202,12 @@ def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exc
 
         return lz4.frame.open(stream), (OSError, EOFError, RuntimeError)
     if packing == "zstd":
-        zstd = _zstd()
+        zstd = zstd_module()
         return zstd.ZstdFile(stream), (zstd.ZstdError, EOFError)
     raise BadDataError(f"compressed as {packing[:40]!r}, not with bz2, lz4 or zstd")
 
 
-def _zstd() -> Any:
+def zstd_module() -> Any:
     """Return the zstd module of the standard library; before Python 3.14, its backport."""
     if sys.version_info >= (3, 14):
         from compression import zstd  # noqa: PLC0415 - only what is packed needs it

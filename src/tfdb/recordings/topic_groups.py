@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING
 from tfdb import _core
 from tfdb.data.errors import MixedSources
 from tfdb.recordings.containers import prefix_of
-from tfdb.store.summary import find_gaps
+from tfdb.store.summary import find_gaps, static_edges
+
+from .selection import absolute
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -58,7 +60,7 @@ _SHARE = 0.1
 
 def group_of(source: Source) -> str:
     """Return the group of a topic: `/robot1/tf` for `/robot1/tf_static`."""
-    return "/" + spelling_of(source).strip("/")
+    return absolute(spelling_of(source))
 
 
 def spelling_of(source: Source) -> str:
@@ -210,10 +212,8 @@ class Survey:
                     before = moving.get(frame, (first, last))
                     moving[frame] = min(first, before[0]), max(last, before[1])
         for spelling, store in stores.items():
-            for info in store.tree():
-                if info.parent is not None:
-                    pose = store.samples(info.name)[1][0].tolist()
-                    parts[spelling].fixed[info.name] = info.parent, pose
+            for info, parent, pose in static_edges(store):
+                parts[spelling].fixed[info.name] = parent, pose
 
     def _stored(self, parts: Sequence[Part]) -> Buffer:
         """Store the transforms of parts."""
@@ -311,7 +311,7 @@ def mixed_parts(path: str, parts: Sequence[Part], frames: tuple[str, ...]) -> Mi
         return mixed_spellings(path, topics, frames)
     groups: dict[str, set[str]] = defaultdict(set)
     for part in parts:
-        groups[str(part.recording.path)] |= {_absolute(topic) for topic in part.topics}
+        groups[str(part.recording.path)] |= {absolute(topic) for topic in part.topics}
     listed = [f"{name} ({', '.join(sorted(topics))})" for name, topics in groups.items()]
     reason = (
         f"{len(files)} files state different transforms of {_few(frames, ', ')}: "
@@ -373,11 +373,7 @@ def _prefix(sources: Collection[Source]) -> str:
 
 
 def _topics(sources: Iterable[Source]) -> tuple[str, ...]:
-    return tuple(sorted({_absolute(source.topic) for source in sources}))
-
-
-def _absolute(topic: str) -> str:
-    return "/" + topic.strip("/")
+    return tuple(sorted({absolute(source.topic) for source in sources}))
 
 
 def disagree(stores: Sequence[Buffer], frame: str) -> bool:

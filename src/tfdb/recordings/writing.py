@@ -12,6 +12,7 @@ from tfdb import _core
 from tfdb.data.argument_checks import refuse_without
 from tfdb.data.errors import InvalidStamp, RecordingError
 from tfdb.data.types import TransformStamped
+from tfdb.store.summary import static_edges
 
 from .recording_writer import RecordingWriter
 
@@ -154,11 +155,9 @@ def _static_transforms(store: StoreReader) -> dict[str, list[TransformStamped]]:
     """Return the static edges by authority."""
     found: dict[str, list[TransformStamped]] = {}
     refuse_without(store, "store", "a Buffer or Snapshot", "tree", "samples")
-    for info in store.tree():
-        if info.is_static and info.parent is not None:
-            pose = store.samples(info.name)[1][0].tolist()
-            transform = TransformStamped(info.parent, info.name, 0, pose[:3], pose[3:])
-            found.setdefault(info.authority, []).append(transform)
+    for info, parent, pose in static_edges(store):
+        transform = TransformStamped(parent, info.name, 0, pose[:3], pose[3:])
+        found.setdefault(info.authority, []).append(transform)
     return found
 
 

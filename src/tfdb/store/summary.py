@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from tfdb._core import Buffer, Snapshot
+    from tfdb._core import Buffer, Snapshot, StoreReader
     from tfdb.data.types import FrameInfo
 
 YEAR_NS = 365 * 86_400 * 1_000_000_000
@@ -52,6 +52,13 @@ class EdgeSummary:
     period: int | None
     longest: Gap | None
     gaps: tuple[Gap, ...]
+
+
+def static_edges(store: StoreReader) -> Iterator[tuple[FrameInfo, str, list[float]]]:
+    """Yield each static edge with its parent and its pose: x y z, then the quaternion x y z w."""
+    for info in store.tree():
+        if info.is_static and info.parent is not None:
+            yield info, info.parent, store.samples(info.name)[1][0].tolist()
 
 
 def find_gaps(
