@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from tfdb.data.counting import counted
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 from tfdb.data.time_text import format_duration, format_ns
 from tfdb.store.summary import GAP_FACTOR, YEAR_NS, Clock, Gap, describe_clocks, find_gaps
@@ -364,7 +365,7 @@ def _jumps(edges: Sequence[Edge], rows: Mapping[str, npt.NDArray[np.int64]]) -> 
         arrival = int(edge.arrivals[at[0] + 1])
         times = "" if len(at) == 1 else f" {_times(len(at))}, first"
         message = (
-            f"the stamps of {_count(len(members), 'edge')} jump{times} from {format_ns(before)} "
+            f"the stamps of {counted(len(members), 'edge')} jump{times} from {format_ns(before)} "
             f"to {format_ns(before + step)} ({_signed(step)}) while "
             f"{format_duration(arrival - int(edge.arrivals[at[0]]))} passed"
         )
@@ -393,7 +394,7 @@ def _static_and_moving(edge: Edge, conflicts: Mapping[tuple[str, bool], int]) ->
     moving = len(edge.static) - static + conflicts.get((edge.name, False), 0)
     static += conflicts.get((edge.name, True), 0)
     if static and moving:
-        message = f"{_count(static, 'static transform')}, {_count(moving, 'moving transform')}"
+        message = f"{counted(static, 'static transform')}, {counted(moving, 'moving transform')}"
         yield Finding("static-and-moving", (edge.name,), message, None, min(static, moving))
 
 
@@ -404,7 +405,7 @@ def _quaternions(edge: Edge) -> Iterator[Finding]:
         row = int(np.flatnonzero(bad)[0])
         worst = float(np.max(np.where(np.isfinite(off), off, np.inf)[bad]))
         message = (
-            f"{_count(int(bad.sum()), 'quaternion')} not of unit length, "
+            f"{counted(int(bad.sum()), 'quaternion')} not of unit length, "
             f"squared length off by up to {worst:.3g}"
         )
         stamp = int(edge.stamps[row])
@@ -442,7 +443,9 @@ def _repeated(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
     if other.any():
         count = int(other.sum())
         stamp = int(edge.stamps[order[int(np.flatnonzero(other)[0])]])
-        message = f"{_count(count, 'sample')} with the stamp of an earlier sample, but another pose"
+        message = (
+            f"{counted(count, 'sample')} with the stamp of an earlier sample, but another pose"
+        )
         yield Finding("repeated", (edge.name,), message, stamp, count)
 
 
@@ -467,7 +470,7 @@ def _pose_jumps(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
     if not found:
         return
     way, before, after = max(found)
-    message = f"{_count(len(found), 'jump')}, the furthest {way:,.4g} m "
+    message = f"{counted(len(found), 'jump')}, the furthest {way:,.4g} m "
     message += f"in {format_duration(after - before)}"
     details = {"furthest_m": way, "from_ns": before, "to_ns": after}
     yield Finding("pose-jump", (edge.name,), message, before, len(found), details)
@@ -482,8 +485,8 @@ def _turns(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
     count = sum(len(each.rows) for _, each in found)
     far = f"{np.degrees(turns.furthest):.3g} deg" if turns.is_angle else f"{turns.furthest:,.4g} m"
     message = (
-        f"{_count(count, 'pose')} out of {len(edge.stamps):,} jump there and back, by up to {far}: "
-        "perhaps two publishers alternate"
+        f"{counted(count, 'pose')} out of {len(edge.stamps):,} jump there and back, "
+        f"by up to {far}: perhaps two publishers alternate"
     )
     stamp = int(part.stamps[turns.rows[0]])
     yield Finding("there-and-back", (edge.name,), message, stamp, count)
@@ -503,7 +506,7 @@ def _ahead(edges: Sequence[Edge]) -> Iterator[Finding]:
     most = max(usual for usual, _, _ in found)
     count = sum(samples for _, samples, _ in found)
     message = (
-        f"{_count(count, 'sample')} of {_count(len(found), 'edge')} with stamps later than their "
+        f"{counted(count, 'sample')} of {counted(len(found), 'edge')} with stamps later than their "
         f"arrival, usually by {format_duration(most)}"
     )
     names = tuple(sorted(edge.name for _, _, edge in found))
@@ -519,7 +522,7 @@ def _late(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
         count = int(late.sum())
         stamp = int(edge.stamps[int(np.flatnonzero(late)[0])])
         message = (
-            f"{_count(count, 'sample')} out of {len(late):,} out of order, "
+            f"{counted(count, 'sample')} out of {len(late):,} out of order, "
             f"up to {format_duration(int(behind.max()))} behind the newest"
         )
         details = {"worst_ns": int(behind.max())}
@@ -564,7 +567,7 @@ def _gaps(edge: Edge, pieces: npt.NDArray[np.int64], limit: int | None) -> Itera
         return
     longest = max(gaps, key=lambda gap: gap.length)
     message = (
-        f"{_count(len(gaps), 'gap')}, the longest {format_duration(longest.length)} "
+        f"{counted(len(gaps), 'gap')}, the longest {format_duration(longest.length)} "
         f"where {format_duration(periods[0])} is usual"
     )
     details = {
@@ -587,10 +590,6 @@ def _coverage(edge: Edge, start: int, end: int, limits: Limits) -> Iterator[Find
         parts.append(f"stops {format_duration(end - last)} before the last sample of all edges")
     if parts:
         yield Finding("coverage", (edge.name,), " and ".join(parts), first, len(parts))
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number:,} {what}{'' if number == 1 else 's'}"
 
 
 def _times(number: int) -> str:

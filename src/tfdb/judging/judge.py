@@ -24,6 +24,7 @@ from .expectations import (
     limits_of_authority,
     matches,
 )
+from .motion import angle, length
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -561,10 +562,9 @@ class Judge:
         poses = rows.poses[groups.rows]
         others = groups.before(poses, self._poses)
         known = before >= 0
-        way = np.where(known, np.sqrt(((poses[:, :3] - others[:, :3]) ** 2).sum(axis=1)), 0)
+        way = np.where(known, length(poses[:, :3] - others[:, :3]), 0)
         seconds = (rows.stamps[groups.rows] - before) / NS
-        cosine = np.abs((poses[:, 3:] * others[:, 3:]).sum(axis=1))
-        turn = np.where(known, 2 * np.arccos(np.minimum(cosine, 1.0)), 0)
+        turn = np.where(known, angle(poses, others), 0)
         self._limit("step", rows, groups, way, drafts)
         self._limit("speed", rows, groups, way / seconds, drafts)
         self._limit("turn", rows, groups, turn, drafts)

@@ -50,7 +50,7 @@ def jump_rows(stamps: Rows, positions: Floats) -> Rows:
     seconds = np.diff(stamps) / 1e9
     if not len(seconds):
         return np.zeros(0, dtype=np.int64)
-    distance = _length(np.diff(positions, axis=0))
+    distance = length(np.diff(positions, axis=0))
     speed = np.divide(distance, seconds, out=np.zeros_like(distance), where=seconds > 0)
     usual = float(np.median(speed))
     limit = max(JUMP_SPEED, JUMP_FACTOR * usual)
@@ -65,8 +65,8 @@ def turns(poses: Floats) -> Turns | None:
     """
     if len(poses) < 3:
         return None
-    ways = _length(np.diff(poses[:, :3], axis=0)), _angle(poses[1:], poses[:-1])
-    backs = _length(poses[2:, :3] - poses[:-2, :3]), _angle(poses[2:], poses[:-2])
+    ways = length(np.diff(poses[:, :3], axis=0)), angle(poses[1:], poses[:-1])
+    backs = length(poses[2:, :3] - poses[:-2, :3]), angle(poses[2:], poses[:-2])
     least, most = (TURN_DISTANCE, TURN_ANGLE), (np.inf, HALF_TURN)
     for is_angle in (False, True):
         way, back = ways[is_angle], backs[is_angle]
@@ -80,13 +80,14 @@ def turns(poses: Floats) -> Turns | None:
     return None
 
 
-def _length(vectors: Floats) -> Floats:
+def length(vectors: Floats) -> Floats:
+    """Return the length of each row."""
     found: Floats = np.sqrt((vectors**2).sum(axis=1))
     return found
 
 
-def _angle(one: Floats, other: Floats) -> Floats:
-    """Radians between the rotations of poses."""
+def angle(one: Floats, other: Floats) -> Floats:
+    """Return the radians between the rotations of poses, row by row."""
     cosine = np.abs((one[:, 3:] * other[:, 3:]).sum(axis=1))
     found: Floats = 2 * np.arccos(np.minimum(cosine, 1.0))
     return found

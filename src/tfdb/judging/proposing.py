@@ -20,6 +20,7 @@ from .doctor import Finding
 from .events import EVENT_KINDS, TIMELY
 from .expectations import AuthorityExpectation, Expectation, Expectations
 from .judge import Judge, Rows
+from .motion import angle, length
 
 if TYPE_CHECKING:
     import os
@@ -163,9 +164,8 @@ def _limits(rows: Rows, end: int, *, by_stamps: bool) -> dict[str, Any]:
     base = newest if by_stamps else np.maximum.accumulate(np.where(fresh, rows.arrivals, 0))
     ages = np.append(rows.arrivals[1:], end) - base
     new = rows.at(fresh)
-    ways = np.sqrt((np.diff(new.poses[:, :3], axis=0) ** 2).sum(axis=1))
-    cosines = np.abs((new.poses[1:, 3:] * new.poses[:-1, 3:]).sum(axis=1))
-    turn = _twice(2 * np.arccos(np.minimum(cosines, 1.0)))
+    ways = length(np.diff(new.poses[:, :3], axis=0))
+    turn = _twice(angle(new.poses[1:], new.poses[:-1]))
     return {
         "deadline": _deadline(rows.arrivals, end),
         "lifespan": _twice(ages / NS),

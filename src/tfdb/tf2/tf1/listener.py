@@ -99,7 +99,7 @@ class Transformer:
 
     def canTransform(self, target_frame: str, source_frame: str, time: Any) -> Any:
         """Whether `lookupTransform` succeeds."""
-        target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
+        target, source = _plain(target_frame, source_frame)
         return self._buffer.can_transform(target, source, time)
 
     def canTransformFull(
@@ -111,13 +111,8 @@ class Transformer:
         fixed_frame: str,
     ) -> Any:
         """Whether `lookupTransformFull` succeeds."""
-        return self._buffer.can_transform_full(
-            strip_leading_slash(target_frame),
-            target_time,
-            strip_leading_slash(source_frame),
-            source_time,
-            strip_leading_slash(fixed_frame),
-        )
+        target, source, fixed = _plain(target_frame, source_frame, fixed_frame)
+        return self._buffer.can_transform_full(target, target_time, source, source_time, fixed)
 
     def waitForTransform(
         self,
@@ -131,13 +126,9 @@ class Transformer:
 
         The missing transform wakes it; any thread may store that.
         """
-        target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
-        there, why = self._buffer.can_transform(
-            target, source, time, timeout, return_debug_tuple=True
-        )
-        if not there:
-            text = f'no such transformation: "{source_frame}" -> "{target_frame}"'
-            raise TransformException(why or text)
+        target, source = _plain(target_frame, source_frame)
+        found = self._buffer.can_transform(target, source, time, timeout, return_debug_tuple=True)
+        _refuse_missing(found, target_frame, source_frame)
 
     def waitForTransformFull(
         self,
@@ -150,18 +141,11 @@ class Transformer:
         polling_sleep_duration: Any = None,  # noqa: ARG002 - nothing is polled
     ) -> None:
         """Wait until `lookupTransformFull` succeeds; `tf.Exception` after the timeout."""
-        there, why = self._buffer.can_transform_full(
-            strip_leading_slash(target_frame),
-            target_time,
-            strip_leading_slash(source_frame),
-            source_time,
-            strip_leading_slash(fixed_frame),
-            timeout,
-            return_debug_tuple=True,
+        target, source, fixed = _plain(target_frame, source_frame, fixed_frame)
+        found = self._buffer.can_transform_full(
+            target, target_time, source, source_time, fixed, timeout, return_debug_tuple=True
         )
-        if not there:
-            text = f'no such transformation: "{source_frame}" -> "{target_frame}"'
-            raise TransformException(why or text)
+        _refuse_missing(found, target_frame, source_frame)
 
     def chain(
         self,
@@ -172,8 +156,8 @@ class Transformer:
         fixed_frame: str,
     ) -> list[str]:
         """Frames on the path from the source through the fixed frame to the target."""
-        names = [strip_leading_slash(each) for each in (target_frame, source_frame, fixed_frame)]
-        return self._buffer._chain(names[0], target_time, names[1], source_time, names[2])
+        target, source, fixed = _plain(target_frame, source_frame, fixed_frame)
+        return self._buffer._chain(target, target_time, source, source_time, fixed)
 
     def clear(self) -> None:
         """Drop all moving samples; frames and static transforms stay."""
@@ -189,7 +173,7 @@ class Transformer:
 
     def getLatestCommonTime(self, source_frame: str, dest_frame: str) -> Any:
         """Newest time at which every moving edge between two frames has data."""
-        source, dest = strip_leading_slash(source_frame), strip_leading_slash(dest_frame)
+        source, dest = _plain(source_frame, dest_frame)
         return self._buffer.get_latest_common_time(source, dest)
 
     def lookupTransform(self, target_frame: str, source_frame: str, time: Any) -> Pose:
@@ -197,7 +181,7 @@ class Transformer:
 
         Raises LookupException, ConnectivityException, ExtrapolationException.
         """
-        target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
+        target, source = _plain(target_frame, source_frame)
         return _numbers(self._buffer.lookup_transform_core(target, source, time))
 
     def lookupTransformFull(
@@ -209,26 +193,17 @@ class Transformer:
         fixed_frame: str,
     ) -> Pose:
         """T[target_frame at target_time <- source_frame at source_time], through fixed_frame."""
+        target, source, fixed = _plain(target_frame, source_frame, fixed_frame)
         return _numbers(
-            self._buffer.lookup_transform_full_core(
-                strip_leading_slash(target_frame),
-                target_time,
-                strip_leading_slash(source_frame),
-                source_time,
-                strip_leading_slash(fixed_frame),
-            )
+            self._buffer.lookup_transform_full_core(target, target_time, source, source_time, fixed)
         )
 
     def lookupTwist(
         self, tracking_frame: str, observation_frame: str, time: Any, averaging_interval: Any
     ) -> Velocity:
         """Velocity of a frame as seen from and on the axes of another: m/s and rad/s."""
-        return self._buffer.lookupVelocityCore(
-            strip_leading_slash(tracking_frame),
-            strip_leading_slash(observation_frame),
-            time,
-            averaging_interval,
-        )
+        tracking, observation = _plain(tracking_frame, observation_frame)
+        return self._buffer.lookupVelocityCore(tracking, observation, time, averaging_interval)
 
     def lookupTwistFull(
         self,
@@ -244,14 +219,10 @@ class Transformer:
 
         `ref_point` is in coordinates of `reference_point_frame`, metres.
         """
+        tracking, observation = _plain(tracking_frame, observation_frame)
+        reference, point_frame = _plain(reference_frame, reference_point_frame)
         return self._buffer.lookupVelocityFullCore(
-            strip_leading_slash(tracking_frame),
-            strip_leading_slash(observation_frame),
-            strip_leading_slash(reference_frame),
-            ref_point,
-            strip_leading_slash(reference_point_frame),
-            time,
-            averaging_interval,
+            tracking, observation, reference, ref_point, point_frame, time, averaging_interval
         )
 
     def setUsingDedicatedThread(self, value: Any) -> None:
@@ -285,8 +256,9 @@ class TransformerROS(Transformer):
     def _transformed(self, function: Any, target_frame: str, message: Any) -> Any:
         refuse_unlike(message, "the message", "one with a header", "header")
         header = message.header
-        names = (strip_leading_slash(target_frame), strip_leading_slash(header.frame_id))
-        made = function(message, self._buffer.lookup_transform_core(*names, header.stamp))
+        target, source = _plain(target_frame, header.frame_id)
+        found = self._buffer.lookup_transform_core(target, source, header.stamp)
+        made = function(message, found)
         fill_header(made.header, header)
         made.header.frame_id = target_frame
         return made
@@ -310,6 +282,18 @@ class TransformerROS(Transformer):
     def transformPointCloud(self, target_frame: str, point_cloud: Any) -> Any:
         """Transform the points of a sensor_msgs/PointCloud into a frame; channels are copied."""
         return self._transformed(_move_cloud, target_frame, point_cloud)
+
+
+def _plain(*frames: str) -> list[str]:
+    """Return names of frames without their leading slash."""
+    return [strip_leading_slash(each) for each in frames]
+
+
+def _refuse_missing(found: tuple[bool, str], target: str, source: str) -> None:
+    """Raise the error of a wait whose transform is not there."""
+    there, why = found
+    if not there:
+        raise TransformException(why or f'no such transformation: "{source}" -> "{target}"')
 
 
 def _move_cloud(cloud: Any, transform: Any) -> Any:
