@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tfdb
 from oracle import quaternion
+from tests.stored import stored
 
 TURN = quaternion((1, -2, 0.5), 0.9)
 BACK = quaternion((0, 1, 3), -1.4)
@@ -19,5 +20,4 @@ def chain() -> tfdb.Buffer:
 
 
 def contents(buffer: tfdb.Buffer) -> object:
-    stored = [[part.tolist() for part in buffer.samples(f)[:2]] for f in buffer.frames()]
-    return buffer.commit, buffer.tree(), stored
+    return buffer.commit, stored(buffer)

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+import tfdb
 from tests.appliers import use_appliers
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 ROOT = Path(__file__).resolve().parent.parent
+_numbers = count()
 
 # Fixed seeds: a run that failed once fails again, and the failing example is printed.
 settings.register_profile(
@@ -47,6 +55,29 @@ def shared_data() -> Path:
     if os.environ.get("CI") == "true":
         pytest.fail(reason)
     pytest.skip(reason)
+
+
+@contextmanager
+def _store_names(many: int) -> Iterator[list[str]]:
+    made = [f"test-{os.getpid()}-{next(_numbers)}" for _ in range(many)]
+    yield made
+    for each in made:
+        with suppress(tfdb.errors.NoSuchStore):  # the test made none, or removed it
+            tfdb.Buffer.unlink(each)
+
+
+@pytest.fixture
+def name() -> Iterator[str]:
+    """Name of a shared store, which is removed after the test."""
+    with _store_names(1) as (made,):
+        yield made
+
+
+@pytest.fixture
+def names() -> Iterator[tuple[str, str]]:
+    """Names of two shared stores, which are removed after the test."""
+    with _store_names(2) as (one, other):
+        yield one, other
 
 
 @pytest.fixture(params=["apply", "applier"])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import tfdb
+from tests.stored import stored
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,16 +19,11 @@ TURN = (0.1, -0.7, 0.1, 0.7)
 @contextmanager
 def refused(buffer: tfdb.Buffer, error: type[tfdb.TfdbError]) -> Iterator[Any]:
     """The call raises `error`, and the store is what it was: commit, frames, samples, lookups."""
-
-    def state() -> object:
-        stored = [[part.tolist() for part in buffer.samples(f)[:2]] for f in buffer.frames()]
-        return buffer.commit, buffer.tree(), stored
-
-    before = state()
+    before = buffer.commit, stored(buffer)
     with pytest.raises(error) as caught:
         yield caught
     assert type(caught.value) is error
-    assert state() == before
+    assert (buffer.commit, stored(buffer)) == before
     buffer.set_static_transform("base", "still_alive", (1, 2, 3), TURN)
     buffer.remove_frames("still_alive")
 

@@ -11,6 +11,7 @@ import pytest
 
 import tfdb
 from oracle import quaternion
+from tests.stored import samples_of
 from tests.wire import oracle
 
 if TYPE_CHECKING:
@@ -22,15 +23,6 @@ POSE = (1.25, -2.5, 3.75, *TURN)
 ZERO = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0)
 NAN = (float("nan"), 2.0, 3.0, *TURN)
 ENGINES = ("snapshot", "giant", "silo")
-
-
-def contents(buf: tfdb.Buffer) -> dict[str, Any]:
-    """Everything that is stored, to the last bit."""
-    found: dict[str, Any] = {}
-    for name in buf.frames():
-        stamps, poses, parents = buf.samples(name)
-        found[name] = stamps.tolist(), poses.tobytes(), list(parents)
-    return found
 
 
 class Robot:
@@ -114,7 +106,7 @@ def test_messages_equal_their_members_one_by_one(seed: int, concurrency: Any) ->
         }
         for key, count in counts.items():
             expected[key] = expected.get(key, 0) + count
-    assert contents(whole) == contents(naive)
+    assert samples_of(whole) == samples_of(naive)
     assert len(expected) > 5
 
 
@@ -183,14 +175,14 @@ def test_a_warning_names_each_edge_and_error_once() -> None:
 
 def test_a_message_of_bad_members_only_raises() -> None:
     buffer = start()
-    before = contents(buffer), buffer.commit
+    before = samples_of(buffer), buffer.commit
     data = oracle.encode([oracle.row("map", "x", S, ZERO), oracle.row("y", "y", S, POSE)], "cdr")
     with pytest.raises(
         tfdb.errors.InvalidTransform, match="2 of 2 transforms were refused"
     ) as caught:
         buffer.ingest(data)
     assert [each.index for each in caught.value.refused or ()] == [0, 1]
-    assert (contents(buffer), buffer.commit) == before
+    assert (samples_of(buffer), buffer.commit) == before
     with pytest.raises(tfdb.errors.CorruptMessage):
         buffer.ingest(data[:-9])
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
 import random
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from tfdb import errors
 from tfdb.net.messages import in_epoch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
 pytestmark = pytest.mark.usefixtures("by_both_appliers")
 
@@ -193,13 +192,6 @@ def test_a_removed_frame_that_is_still_a_parent_is_named() -> None:
     assert copy.parent_of("x") == "q"
 
 
-@pytest.fixture
-def store_name() -> Iterator[str]:
-    name = f"test-read-only-{os.getpid()}"
-    yield name
-    tfdb.Buffer.unlink(name)
-
-
 def _write_in_child(name: str, results: Any) -> None:
     buf = tfdb.Buffer.open(name)
     try:
@@ -209,12 +201,12 @@ def _write_in_child(name: str, results: Any) -> None:
     buf.set_transform("map", "own", 3 * S, *pose(4))
 
 
-def test_writers_of_other_processes_are_refused_too(robot: tfdb.Buffer, store_name: str) -> None:
-    fleet = tfdb.Buffer.open(store_name)
+def test_writers_of_other_processes_are_refused_too(robot: tfdb.Buffer, name: str) -> None:
+    fleet = tfdb.Buffer.open(name)
     fleet.apply(robot.commits_bytes(0), source="r1", prefix="r1/")
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
-    child = context.Process(target=_write_in_child, args=(store_name, results))
+    child = context.Process(target=_write_in_child, args=(name, results))
     child.start()
     assert "comes from source 'r1'" in results.get(timeout=60)
     child.join()

@@ -14,7 +14,7 @@ import pytest
 
 import tfdb
 from oracle import quaternion
-from tests.test_bad_members import contents
+from tests.stored import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -158,7 +158,7 @@ def test_both_ways_of_a_load_keep_the_good_members(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", tfdb.TfdbWarning)
             report = buffer.load(path, **options)
-        assert contents(buffer) == contents(oracle)
+        assert samples_of(buffer) == samples_of(oracle)
         assert buffer.commit == oracle.commit
         assert counts(report.refused_edges) == expected(rows)
         assert report.refused_transforms == sum(expected(rows).values())
@@ -188,7 +188,7 @@ def test_ingest_stores_the_good_members_as_one_commit(seed: int, encoding: str) 
                 assert [each.error for each in caught.value.refused or ()] == errors
             else:
                 one.ingest(encode(members, encoding), encoding=encoding)
-    assert contents(one) == contents(many) == contents(naive(rows))
+    assert samples_of(one) == samples_of(many) == samples_of(naive(rows))
     assert one.commit == many.commit == naive(rows).commit
 
 

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import threading
 import time
-from contextlib import suppress
 from itertools import count
 from typing import TYPE_CHECKING, Any
-
-import pytest
 
 import tfdb
 from tfdb.cli.graph import Live
@@ -18,21 +14,13 @@ from tfdb.cli.watch import watch_events
 from tfdb.judging import Expectation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
+
+    import pytest
 
     from conftest import Tool
 
 S = 10**9
-_numbers = count()
-
-
-@pytest.fixture
-def name() -> Iterator[str]:
-    made = f"test-expect-{os.getpid()}-{next(_numbers)}"
-    yield made
-    with suppress(tfdb.errors.NoSuchStore):
-        tfdb.Buffer.unlink(made)
 
 
 def recorded(folder: Path, times: list[tuple[float, float]]) -> Path:

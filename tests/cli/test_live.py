@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,16 +25,7 @@ if TYPE_CHECKING:
 
     from conftest import Tool
 
-_numbers = count()
 TURN = (0.0, 0.6, 0.0, 0.8)
-
-
-@pytest.fixture
-def name() -> Iterator[str]:
-    made = f"test-live-{os.getpid()}-{next(_numbers)}"
-    yield made
-    with suppress(tfdb.errors.NoSuchStore):  # the test removed it
-        tfdb.Buffer.unlink(made)
 
 
 @pytest.fixture

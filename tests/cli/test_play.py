@@ -15,20 +15,11 @@ import pytest
 import tfdb
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from tests.cli.conftest import Tool
 
 LONGEST = 60.0  # seconds: the longest wait of a test
-
-
-@pytest.fixture
-def name() -> Iterator[str]:
-    made = f"test-play-{os.getpid()}"
-    yield made
-    with suppress(tfdb.errors.NoSuchStore):  # a command with refused options makes no store
-        tfdb.Buffer.unlink(made)
 
 
 def test_lines_control_a_player(bag: Path, name: str) -> None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
 import threading
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -18,22 +16,11 @@ from tests.recorder.reading import state_of
 import tfdb
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from tests.cli.conftest import Tool
 
 pytestmark = needs_zenoh
-
-
-@pytest.fixture
-def names() -> Iterator[tuple[str, str]]:
-    """The names of two shared stores."""
-    made = f"test-publish-{os.getpid()}", f"test-mirror-{os.getpid()}"
-    yield made
-    for name in made:
-        with suppress(tfdb.errors.NoSuchStore):
-            tfdb.Buffer.unlink(name)
 
 
 class Running:

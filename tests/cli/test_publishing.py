@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
-from contextlib import suppress
-from itertools import count, pairwise
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +15,6 @@ from tfdb.cli.angles import quaternion_of
 from tfdb.cli.change_notifier import Pair, Told
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from conftest import Tool
@@ -25,15 +22,6 @@ if TYPE_CHECKING:
 S = 1_000_000_000
 ANGLES = (0.3, -0.2, 1.1)
 TURN = tuple(quaternion_of(*ANGLES))
-_numbers = count()
-
-
-@pytest.fixture
-def name() -> Iterator[str]:
-    made = f"test-publishing-{os.getpid()}-{next(_numbers)}"
-    yield made
-    with suppress(tfdb.errors.NoSuchStore):  # nothing was stored
-        tfdb.Buffer.unlink(made)
 
 
 def test_quaternion_of_angles() -> None:

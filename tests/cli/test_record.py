@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 from tests.ros.commands import Command
-from tests.sharing.conftest import name
 
 import tfdb
 from tfdb.cli.record import command
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
     from conftest import Tool
 
-__all__ = ["name"]
 STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 

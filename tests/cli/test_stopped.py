@@ -225,14 +225,6 @@ def test_a_second_signal_amid_the_removal_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.fixture
-def store() -> Iterator[str]:
-    name = f"test-stopped-{os.getpid()}"
-    yield name
-    with suppress(tfdb.errors.NoSuchStore):
-        tfdb.Buffer.unlink(name)
-
-
 def opened(name: str, server: subprocess.Popen[str]) -> tfdb.Buffer:
     while True:
         with suppress(tfdb.errors.NoSuchStore):
@@ -261,20 +253,20 @@ def summary(arguments: list[str], name: str, number: signal.Signals) -> dict[str
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_ends_play_with_its_summary(number: signal.Signals, bag: Path, store: str) -> None:
-    told = summary(["play", str(bag), "--loop", "--speed", "20"], store, number)
+def test_a_signal_ends_play_with_its_summary(number: signal.Signals, bag: Path, name: str) -> None:
+    told = summary(["play", str(bag), "--loop", "--speed", "20"], name, number)
     assert told["messages"] > 0
     assert told["transforms"] > 50
 
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_ends_serve_follow_with_its_summary(
-    number: signal.Signals, mcap: Path, store: str, tmp_path: Path
+    number: signal.Signals, mcap: Path, name: str, tmp_path: Path
 ) -> None:
     growing = tmp_path / "growing.mcap"
     whole = mcap.read_bytes()
     growing.write_bytes(whole[:-50])  # without its footer
-    told = summary(["serve", "follow", str(growing)], store, number)
+    told = summary(["serve", "follow", str(growing)], name, number)
     assert told["messages"] > 0
     assert told["transforms"] > 50
 

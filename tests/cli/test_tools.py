@@ -15,7 +15,7 @@ import termios
 import threading
 import time
 from contextlib import suppress
-from itertools import count, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,21 +30,10 @@ from tfdb.judging.live import LiveJudge
 from tfdb.streams.rows import stretches_of_changes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from conftest import Tool
 
 S = 1_000_000_000
 TURN = (0.0, 0.6, 0.0, 0.8)
-_numbers = count()
-
-
-@pytest.fixture
-def name() -> Iterator[str]:
-    made = f"test-tools-{os.getpid()}-{next(_numbers)}"
-    yield made
-    with suppress(tfdb.errors.NoSuchStore):  # the test removed it
-        tfdb.Buffer.unlink(made)
 
 
 def lines(text: str) -> list[dict[str, Any]]:

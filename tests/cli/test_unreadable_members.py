@@ -6,7 +6,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.test_bad_members import contents
+from tests.stored import samples_of
 from tests.test_unreadable_members import (
     ENCODINGS,
     NAMELESS,
@@ -74,13 +74,13 @@ def test_commands_that_write_keep_the_good_members(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)
         store.load(out)
-    kept = contents(store)
+    kept = samples_of(store)
     assert ("tool" in kept) == (command == "merge")
     for name in ("robot", "tool"):
         kept.pop(name, None)
     assert kept == {
         renamed(name): (stamps, poses, [renamed(each) for each in parents])
-        for name, (stamps, poses, parents) in contents(naive(rows)).items()
+        for name, (stamps, poses, parents) in samples_of(naive(rows)).items()
     }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tfdb
+from tests.stored import stored
 
 BAG = Path(__file__).resolve().parents[2] / "examples" / "data" / "pr2.bag"
 
@@ -30,11 +31,9 @@ def loaded() -> tfdb.Buffer:
     return tfdb.load(BAG)
 
 
-def everything(buffer: tfdb.Buffer) -> list[object]:
+def everything(buffer: tfdb.Buffer) -> object:
     """All that a store says, but for its counters."""
-    infos = buffer.tree()
-    samples = [buffer.samples(info.name) for info in infos if info.parent is not None]
-    return [infos, buffer.commit, [(s.tobytes(), p.tobytes(), names) for s, p, names in samples]]
+    return buffer.commit, stored(buffer)
 
 
 def test_spawned_workers_read_pickled_objects(loaded: tfdb.Buffer) -> None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-import tfdb
 from tests.net.memory_link import Network
 
 if TYPE_CHECKING:
@@ -64,14 +63,3 @@ def links(request: pytest.FixtureRequest) -> Iterator[Callable[[], Link]]:
     """Makes links of one network. The first link is closed last."""
     with (memory_links if request.param == "memory" else zenoh_links)() as make:
         yield make
-
-
-@pytest.fixture
-def store_name() -> Iterator[str]:
-    """Name of a shared store that is removed at the end."""
-    name = f"test-net-{os.getpid()}"
-    yield name
-    try:
-        tfdb.Buffer.unlink(name)
-    except tfdb.errors.NoSuchStore:
-        return

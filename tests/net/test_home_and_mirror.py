@@ -107,11 +107,11 @@ def test_a_home_that_is_gone_and_a_new_one(links: Links) -> None:
             assert mirror.silence is None
 
 
-def test_a_shared_store_goes_on_with_its_mirror(links: Links, store_name: str) -> None:
+def test_a_shared_store_goes_on_with_its_mirror(links: Links, name: str) -> None:
     link, copy = links(), tfdb.Buffer()
     with Mirror(copy, NAME, links()) as mirror, mirror.events() as events:
         for life in range(3):
-            with tfdb.Buffer.open(store_name, size=1 << 25) as store:
+            with tfdb.Buffer.open(name, size=1 << 25) as store:
                 store.set_transform("map", "base", life, *pose(life))
                 with new_home(store, link):
                     mirror.wait_until_live(LONGEST)
@@ -121,13 +121,13 @@ def test_a_shared_store_goes_on_with_its_mirror(links: Links, store_name: str) -
         assert mirror.stats.states == 1
 
 
-def test_a_mirror_goes_on_from_the_position_in_its_store(links: Links, store_name: str) -> None:
+def test_a_mirror_goes_on_from_the_position_in_its_store(links: Links, name: str) -> None:
     source, link = tfdb.Buffer(), links()
     source.set_transform("map", "base", 0, *pose(1))
     with new_home(source, link):
         for life in range(3):
             with (
-                tfdb.Buffer.open(store_name, size=1 << 25) as store,
+                tfdb.Buffer.open(name, size=1 << 25) as store,
                 Mirror(store, NAME, link) as mirror,
             ):
                 mirror.wait_until_live(LONGEST)
@@ -360,14 +360,12 @@ def promoted_beside(other: tfdb.Buffer, spare: tfdb.Buffer, links: Links) -> tup
     return promoted, second
 
 
-def test_a_second_home_of_one_promoted_store_leaves_it_writable(
-    links: Links, store_name: str
-) -> None:
-    spare = tfdb.Buffer.open(store_name, create=True, size=1 << 25)
+def test_a_second_home_of_one_promoted_store_leaves_it_writable(links: Links, name: str) -> None:
+    spare = tfdb.Buffer.open(name, create=True, size=1 << 25)
     promoted, other = promoted_beside(tfdb.Buffer(), spare, links)
     with promoted:
         epoch = epoch_after(promoted.epoch)
-        again = tfdb.Buffer.open(store_name)
+        again = tfdb.Buffer.open(name)
         with Home(again, NAME, links(), epoch, origin=take_over(again, NAME, epoch)):
             event = wait_for(promoted.events(), "fenced")
             assert "The later home publishes the same store, which stays writable" in event.text
@@ -560,9 +558,9 @@ def test_a_warning_that_raises_ends_the_mirror(links: Links) -> None:
         assert mirror.state == "ended"
 
 
-def test_a_shared_store_does_not_follow_itself(links: Links, store_name: str) -> None:
+def test_a_shared_store_does_not_follow_itself(links: Links, name: str) -> None:
     with (
-        tfdb.Buffer.open(store_name, size=1 << 25) as store,
+        tfdb.Buffer.open(name, size=1 << 25) as store,
         new_home(store, links()),
         Mirror(store, NAME, links()) as mirror,
     ):

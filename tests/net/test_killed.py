@@ -9,16 +9,10 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 import tfdb
 from tests.net.conftest import LONGEST, free_endpoint, needs_zenoh
 from tests.recorder.reading import state_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-import pytest
 
 pytestmark = needs_zenoh
 CYCLES = int(os.environ.get("TFDB_NET_CYCLES", "6"))
@@ -48,16 +42,6 @@ with tfdb.net.Session(connect=endpoint) as session:
         print("ready", flush=True)
         sys.stdin.read()
 """
-
-
-@pytest.fixture
-def stores() -> Iterator[tuple[str, str]]:
-    """Names of the stores of home and mirror."""
-    names = f"test-net-home-{os.getpid()}", f"test-net-mirror-{os.getpid()}"
-    yield names
-    for name in names:
-        with suppress(tfdb.errors.NoSuchStore):
-            tfdb.Buffer.unlink(name)
 
 
 class Process:
@@ -94,26 +78,26 @@ def read(copy: tfdb.Buffer, until: float, last: int) -> tuple[int, int]:
     return last, seen
 
 
-def test_kills_tear_nothing_and_nothing_goes_back(stores: tuple[str, str]) -> None:
+def test_kills_tear_nothing_and_nothing_goes_back(names: tuple[str, str]) -> None:
     draw = random.Random(7)
     endpoint = free_endpoint()
     last = seen = 0
     with tfdb.net.Session(listen=endpoint) as session:
-        home, mirror = Process(HOME, stores[0], endpoint), Process(MIRROR, stores[1], endpoint)
+        home, mirror = Process(HOME, names[0], endpoint), Process(MIRROR, names[1], endpoint)
         try:
-            copy = tfdb.Buffer.open(stores[1], mode="r")
+            copy = tfdb.Buffer.open(names[1], mode="r")
             for cycle in range(CYCLES):
                 last, more = read(copy, time.monotonic() + draw.uniform(0.2, 0.6), last)
                 seen += more
                 if cycle % 2:
                     home.kill()
-                    home = Process(HOME, stores[0], endpoint)
+                    home = Process(HOME, names[0], endpoint)
                 else:
                     mirror.kill()
-                    mirror = Process(MIRROR, stores[1], endpoint)
+                    mirror = Process(MIRROR, names[1], endpoint)
             home.kill()
             with (
-                tfdb.Buffer.open(stores[0], create=False) as source,
+                tfdb.Buffer.open(names[0], create=False) as source,
                 tfdb.net.publish(source, "robot1", session=session, take_over=True),
             ):
                 wait_for_position(copy, source.commit)

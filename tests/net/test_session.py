@@ -78,7 +78,7 @@ class Child:
             pipe.close()
 
 
-def test_a_home_in_another_process_is_killed_and_begun_again(store_name: str) -> None:
+def test_a_home_in_another_process_is_killed_and_begun_again(name: str) -> None:
     endpoint = free_endpoint()
     copy = tfdb.Buffer()
     with (
@@ -87,19 +87,19 @@ def test_a_home_in_another_process_is_killed_and_begun_again(store_name: str) ->
         mirror.events() as events,
     ):
         for _ in range(3):
-            child = Child(store_name, endpoint)
+            child = Child(name, endpoint)
             try:
                 wait_for_commit(mirror, child.write(500))
                 mirror.wait_until_live(LONGEST)
             finally:
                 child.end(signal.SIGKILL)
             wait_for(events, "stale")
-            with tfdb.Buffer.open(store_name, mode="r") as store:
+            with tfdb.Buffer.open(name, mode="r") as store:
                 assert state_of(copy) == state_of(store)
         assert mirror.stats.states == 1, "the store outlives its process, and so does the epoch"
 
 
-def test_a_router_that_is_begun_again(store_name: str) -> None:
+def test_a_router_that_is_begun_again(name: str) -> None:
     """The sessions of home and mirror reconnect by themselves."""
     endpoint = free_endpoint()
     source, copy = tfdb.Buffer(), tfdb.Buffer()

@@ -94,10 +94,10 @@ def test_a_mirror_without_its_home_is_behind() -> None:
             assert later.behind > found.behind
 
 
-def test_a_stopped_process_is_silent(store_name: str) -> None:
+def test_a_stopped_process_is_silent(name: str) -> None:
     endpoint = free_endpoint()
     with tfdb.net.Session(listen=endpoint) as session:
-        child = Child(store_name, endpoint)
+        child = Child(name, endpoint)
         (home,) = ask_until(session, lambda found: len(found) == 1)
         os.kill(child.process.pid, signal.SIGSTOP)
         os.waitid(os.P_PID, child.process.pid, os.WSTOPPED)

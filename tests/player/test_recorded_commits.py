@@ -9,6 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 import tfdb
+from tests.stored import stored
 from tfdb import errors
 from tfdb.player.tape import CommitTape, MessageTape, tape_of
 from tfdb.recordings.open_recordings import open_recordings
@@ -51,15 +52,6 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def contents(store: tfdb.Buffer) -> bytes:
-    """All edges of a store, with their samples and authorities."""
-    rows = []
-    for info in store.tree():
-        stamps, poses, *_ = store.samples(info.name)
-        rows.append((info, stamps.tobytes(), poses.tobytes()))
-    return repr(rows).encode()
-
-
 def test_a_recording_of_ours_is_played_by_commits(drive: Path) -> None:
     with open_recordings(drive, Selection()) as recordings:
         assert isinstance(tape_of(recordings)[0], CommitTape)
@@ -74,7 +66,7 @@ def test_the_played_store_equals_the_recorded_one(drive: Path) -> None:
     store = tfdb.Buffer(history=None)
     with playing(drive, store, speed=float("inf")) as (_, thread):
         thread.join(60)
-    assert contents(store) == contents(copy)
+    assert stored(store) == stored(copy)
     assert store.frame_info("base").authority == "slam"
 
 
@@ -89,7 +81,7 @@ def test_recording_the_played_store_gives_the_same_recording(drive: Path, tmp_pa
     for copy, path in zip(copies, (drive, tmp_path / "again.mcap"), strict=True):
         for each in tfdb.recorded_commits(path):
             copy.apply(each.data)
-    assert contents(copies[0]) == contents(copies[1])
+    assert stored(copies[0]) == stored(copies[1])
 
 
 def test_split_files_are_played_in_the_order_of_their_commits(tmp_path: Path) -> None:
@@ -102,7 +94,7 @@ def test_split_files_are_played_in_the_order_of_their_commits(tmp_path: Path) ->
     store = tfdb.Buffer(history=None)
     with playing(sorted(recorder.files), store, speed=float("inf")) as (_, thread):
         thread.join(60)
-    assert contents(store) == contents(buf)
+    assert stored(store) == stored(buf)
 
 
 def test_the_stores_of_two_recordings_are_played_together(tmp_path: Path) -> None:
@@ -137,7 +129,7 @@ def test_jumps_show_the_state_of_the_commit(
             for each in commits:
                 if each.time <= player.position:
                     copy.apply(each.data)
-            assert contents(store) == contents(copy)
+            assert stored(store) == stored(copy)
         assert len(player._states) > 1
 
 
@@ -167,7 +159,7 @@ def test_a_jump_reads_the_file_near_the_moment(
             for each in commits:
                 if each.time <= player.position:
                     copy.apply(each.data)
-            assert contents(store) == contents(copy)
+            assert stored(store) == stored(copy)
     with pytest.raises(errors.RecordingError, match="damaged"):
         list(tfdb.recorded_commits(path))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.stored import stored
 
 import tfdb
 from tfdb import _core
@@ -113,23 +114,6 @@ class Expected:
         return tfdb.encode_tf_message(left, source.encoding)
 
 
-def contents(buffer: tfdb.Buffer) -> dict[str, Any]:
-    """Return all samples, and the sender of the last one."""
-    found = {}
-    for frame in buffer.frames():
-        stamps, poses, parents = buffer.samples(frame)
-        info = buffer.frame_info(frame)
-        found[frame] = (
-            info.is_static,
-            info.parent,
-            info.authority,
-            stamps.tolist(),
-            poses.tobytes(),
-            parents,
-        )
-    return found
-
-
 def compare(path: Path, expected: Expected, history: float | None = None, **options: Any) -> Any:
     buffer = tfdb.Buffer(history=history)
     if not expected.buffer.frames():
@@ -137,7 +121,7 @@ def compare(path: Path, expected: Expected, history: float | None = None, **opti
             buffer.load(path, **options)
         return None
     report = buffer.load(path, **options)
-    assert contents(buffer) == contents(expected.buffer)
+    assert stored(buffer) == stored(expected.buffer)
     assert buffer.commit == expected.buffer.commit
     assert report.left_out == expected.left_out
     assert Counter(report.reasons) == expected.reasons

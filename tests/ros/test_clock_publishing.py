@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import queue
 import signal
 import time
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from rosbags.typesys import Stores, get_typestore
@@ -18,9 +16,6 @@ from ros.commands import Command, tfdb_says
 from tfdb.ros.clock_messages import encode_clock
 from tfdb.ros.open_node import open_node
 from tfdb.store.shared import find_stores
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 S = 10**9
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -40,14 +35,6 @@ def decoded(data: bytes, *, cdr: bool) -> int:
 @pytest.mark.parametrize("stamp", [0, 1_700_000_000 * S + 5, 2**31 * S - 1])
 def test_the_bytes_are_read_by_rosbags(stamp: int, cdr: bool) -> None:
     assert decoded(encode_clock(stamp, cdr=cdr), cdr=cdr) == stamp
-
-
-@pytest.fixture
-def name() -> Iterator[str]:
-    made = f"test-clock-{os.getpid()}"
-    yield made
-    with suppress(tfdb.errors.NoSuchStore):  # refused options create no store
-        tfdb.Buffer.unlink(made)
 
 
 def test_play_publishes_the_clock(ros1: str, name: str) -> None:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
 import subprocess
 import time
 import xmlrpc.client
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,14 +63,6 @@ def robot(ros1: str, rospy_child: RospyChild) -> Iterator[Robot]:
     made.leave()
 
 
-@pytest.fixture
-def store() -> Iterator[str]:
-    name = f"test-commands-{os.getpid()}"
-    yield name
-    with suppress(tfdb.errors.NoSuchStore):
-        tfdb.Buffer.unlink(name)
-
-
 def nodes_of(uri: str) -> set[str]:
     """Return the nodes that the master lists."""
     with xmlrpc.client.ServerProxy(uri) as master:
@@ -113,12 +103,12 @@ def test_graphs_that_are_none(ros1: str) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_serve(ros1: str, robot: Robot, store: str, number: int) -> None:
-    with Command("serve", "ros1", "--into", store, "__name:=serving") as serving:
-        assert f"ros1: as /serving into shm:{store}" in serving.line()
+def test_serve(ros1: str, robot: Robot, name: str, number: int) -> None:
+    with Command("serve", "ros1", "--into", name, "__name:=serving") as serving:
+        assert f"ros1: as /serving into shm:{name}" in serving.line()
         robot.is_heard()
         robot.moves(1 * S, 2 * S)
-        shared = tfdb.Buffer.open(store, mode="r")
+        shared = tfdb.Buffer.open(name, mode="r")
         found = shared.lookup_transform("map", "camera", 2 * S, timeout=SECONDS)
         assert found.report.edges[-1].child == "base"
         assert shared.frame_info("base").authority == "/theirs"
@@ -127,11 +117,11 @@ def test_serve(ros1: str, robot: Robot, store: str, number: int) -> None:
     assert code == 128 + number
     assert "3 commits, 3 frames" in said
     assert "/serving" not in nodes_of(ros1)
-    assert tfdb_json("tree", f"shm:{store}")["roots"] == ["map"]
+    assert tfdb_json("tree", f"shm:{name}")["roots"] == ["map"]
 
 
-def test_rosnode_kill_ends_serve(ros1: str, robot: Robot, store: str) -> None:
-    with Command("serve", "ros1", "--into", store, "--node-name", "serving") as serving:
+def test_rosnode_kill_ends_serve(ros1: str, robot: Robot, name: str) -> None:
+    with Command("serve", "ros1", "--into", name, "--node-name", "serving") as serving:
         serving.line()
         with xmlrpc.client.ServerProxy(ros1) as master:
             _, _, uri = master.lookupNode("/test", "/serving")  # type: ignore[misc]
@@ -281,7 +271,7 @@ def test_change_notifier(ros1: str, robot: Robot, rospy_child: RospyChild) -> No
 
 @pytest.mark.parametrize("shared", [False, True])
 def test_buffer_server(
-    ros1: str, robot: Robot, rospy_child: RospyChild, store: str, *, shared: bool
+    ros1: str, robot: Robot, rospy_child: RospyChild, name: str, *, shared: bool
 ) -> None:
     """Debian's BufferClient gets answers from the listener's data, or from a store that others
     fill.
@@ -289,9 +279,9 @@ def test_buffer_server(
     action = f"server_{shared}".lower()
     options: list[str] = []
     if shared:
-        filled = tfdb.Buffer.open(store)
+        filled = tfdb.Buffer.open(name)
         filled.set_transform("map", "base", 5 * S, (5, 2, -3), (0.6, 0, 0, 0.8))
-        options = ["--store", store]
+        options = ["--store", name]
     with Command("buffer-server", "ros1:", "--action", action, *options) as server:
         assert action in server.line()
         assert rospy_child.call("client", action, SECONDS)
