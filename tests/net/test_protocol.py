@@ -551,6 +551,31 @@ def test_gaps_and_the_time_since_commits_are_missing_are_counted(home: Sender) -
     assert (receiver.state, receiver.lacking_since) == ("stale", 6.0)
 
 
+@pytest.mark.parametrize("missed", [0, 3])
+def test_a_mirror_that_continues_is_live_after_a_message_of_its_home(
+    home: Sender, missed: int
+) -> None:
+    into = tfdb.Buffer()
+    first = new_mirror(into)
+    first.take(home.head(), 0.0)
+    answered(first, home, 0.0)
+    write(home._buffer, missed)
+    home.next()
+    receiver = new_mirror(into)
+    receiver.find_home(home.epoch, 1.0)
+    assert (receiver.state, receiver.lacking_since, receiver.gaps) == ("catching up", 1.0, 0)
+    assert answered(receiver, home, 1.1) == Question(home.epoch, 10, home.epoch)
+    assert (receiver.state, receiver.commits, receiver.gaps) == ("live", missed, missed > 0)
+    receiver.lose_home(home.epoch, 2.0)
+    assert receiver.question(3.0) is None
+    write(home._buffer, missed)
+    home.next()
+    receiver.find_home(home.epoch, 4.0)
+    assert receiver.state == "catching up"
+    receiver.take(home.head(), 4.5)
+    assert receiver.state == ("catching up" if missed else "live")
+
+
 def test_questions_and_epochs_as_text() -> None:
     epoch = Epoch(12, bytes(range(16)))
     for question in (Question(epoch, 7, epoch), Question(epoch, None)):

@@ -121,9 +121,10 @@ class Mirror(Closable):
     def state(self) -> Literal["absent", "catching up", "live", "stale", "ended", "closed"]:
         """State of the mirror.
 
-        `absent`: no home found yet. `catching up`: commits are missing and requested. `live`: all
-        commits that the home has sent are applied. `stale`: the home is unreachable. `ended`: by an
-        error, also after `close`. `closed`: by `close` or `promote`.
+        `absent`: no home found yet. `catching up`: commits are missing and requested, or the home's
+        last commit is not known yet. `live`: all commits that the home has sent are applied.
+        `stale`: the home is unreachable. `ended`: by an error, also after `close`. `closed`: by
+        `close` or `promote`.
         """
         if self._error is not None:
             return "ended"

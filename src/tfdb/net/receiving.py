@@ -87,6 +87,10 @@ class Receiver:
         self._head_of_answer: Head | None = None
         self._heard = -math.inf
         self._is_gone = False
+        self._is_unheard = False
+        """Whether no message has come since the home was found, so its last commit is unknown."""
+        self._lacks = False
+        """Whether it was catching up at the last `tick`, with commits known to be missing."""
         self._waiting: deque[Commits] = deque()
         self._waiting_bytes = 0
         self._parts: dict[int, bytes] = {}
@@ -123,7 +127,7 @@ class Receiver:
             return
         self._follow(message.epoch)
         self.bytes += len(data)
-        self._heard, self._is_gone = now, False
+        self._heard, self._is_gone, self._is_unheard = now, False, False
         self._take(message)
         self.tick(now)
 
@@ -142,7 +146,7 @@ class Receiver:
         size, at = taken
         before, self.position = self.position, self._stored()
         self.bytes += size
-        self._heard, self._is_gone = max(self._heard, at), False
+        self._heard, self._is_gone, self._is_unheard = max(self._heard, at), False, False
         if before is not None and self.position is not None and self.position.epoch == before.epoch:
             self.commits += self.position.commit - before.commit
             self._note(self.position.commit)
@@ -165,12 +169,13 @@ class Receiver:
         if epoch >= self.known:
             self._follow(epoch)
             self._heard, self._is_gone = now, False
+            self._is_unheard = self._is_unheard or self.state in ("absent", "stale")
             self.tick(now)
 
     def lose_home(self, epoch: Epoch, now: float) -> None:
         """Note that a home has ended."""
         if epoch == self.known:
-            self._is_gone = True
+            self._is_gone, self._is_unheard = True, False
             self.tick(now)
 
     def tick(self, now: float) -> None:
@@ -182,7 +187,10 @@ class Receiver:
         elif self._is_gone or now - self._heard > SILENCE:
             state = "stale"
         else:
-            state = "catching up" if self._is_behind() else "live"
+            state = "catching up" if self._is_unheard or self._is_behind() else "live"
+        lacks = state == "catching up" and self._is_behind()
+        self.gaps += lacks and not self._lacks and self.position is not None
+        self._lacks = lacks
         if state == "absent" and not self._is_told:
             self._missed_at = min(self._missed_at, now + SILENCE)
             if now >= self._missed_at:
@@ -195,7 +203,6 @@ class Receiver:
                 self.lacking_since = None
             elif self.lacking_since is None:
                 self.lacking_since = self._heard if state == "stale" else now
-            self.gaps += state == "catching up" and self.position is not None
             self._log.add(state, self._sentence(state))
 
     # -- what it wants -----------------------------------------------------------------------------
@@ -382,7 +389,7 @@ class Receiver:
         return position.commit < self.newest
 
     def _must_ask(self) -> bool:
-        return self._is_outdated or self._is_behind()
+        return self._is_outdated or self._is_unheard or self._is_behind()
 
     def _place(self) -> tuple[object, ...]:
         """Return the progress. An answer that changes it was useful."""
@@ -396,7 +403,8 @@ class Receiver:
     def _sentence(self, state: Kind) -> str:
         commit = 0 if self.position is None else self.position.commit
         applied = f"the last applied commit is {commit}" if commit else "no commit is applied"
-        sent = f"has commit {self.newest}" if self.newest else "has sent no message yet"
+        is_known = self.newest and not self._is_unheard
+        sent = f"has commit {self.newest}" if is_known else "has sent no message yet"
         return {
             "absent": "no home was found: check its name, that both reach one router, and that "
             f"access control lets this certificate read {self._source!r}",
