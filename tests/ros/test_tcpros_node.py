@@ -228,6 +228,17 @@ def test_services(node: TcprosNode, rospy_child: RospyChild) -> None:
         assert master.lookupService("/test", name)[0] != 1
 
 
+def test_a_clock_callback_that_is_added_while_the_node_closes_is_called(node: TcprosNode) -> None:
+    ends: list[int] = []
+
+    def called(_: int) -> None:
+        node.on_clock(ends.append)
+
+    node.on_clock(called)
+    node.close()
+    assert len(ends) == 1
+
+
 def test_the_first_buffer_of_a_node_offers_its_tree(
     node: TcprosNode, rospy_child: RospyChild
 ) -> None:

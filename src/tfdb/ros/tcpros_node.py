@@ -5,13 +5,12 @@ from __future__ import annotations
 import atexit
 import os
 import threading
-import time
 from typing import TYPE_CHECKING, Any
 
-from tfdb.data.closable import Closable
 from tfdb.data.errors import InvalidArgument, MasterRefused, NodeClosed, NoMaster
 
 from .clock_messages import CLOCK, CLOCK_KIND, decode_clock
+from .clocked_node import ClockedNode
 from .loop import LOG, Loop
 from .master import Master
 from .message_kinds import Kind, kind_of, known_kind, service_kind
@@ -30,7 +29,7 @@ __all__ = ["TcprosNode"]
 LAST_CALLBACKS_SECONDS = 1.0
 
 
-class TcprosNode(Closable):
+class TcprosNode(ClockedNode):
     """A node of ROS 1: topics, services and a clock, over XML-RPC and TCPROS.
 
     Threads: any may call anything. Each publisher of a topic has its own receiving thread. One
@@ -64,23 +63,18 @@ class TcprosNode(Closable):
         arguments: Sequence[str] | None = None,
     ) -> None:
         names = Names(anonymous("tfdb") if name is None else name, arguments, os.environ)
-        self.name: str = names.node
-        """Its full name in the graph."""
         self._names = names
-        self._master = Master(names.master if master is None else master, self.name)
+        self._master = Master(names.master if master is None else master, names.node)
+        super().__init__(names.node, simulated=bool(self._master.parameter("/use_sim_time")))
         self.graph: str = f"ros1:{self._master.uri}".rstrip("/")
         """Name of its graph, such as `ros1:http://localhost:11311`."""
-        self._lock = threading.RLock()
         self._registering = threading.Lock()
         self._subscribed: dict[str, SubscribedTopic] = {}
         self._advertised: dict[str, AdvertisedTopic] = {}
         self._senders: dict[str, list[_Publisher]] = {}
         self._served: dict[str, ServedName] = {}
-        self._clock_listeners: list[_ClockListener] = []
         self._end = ""  # reason why the node was closed
         self._ended = threading.Event()
-        self._now = 0
-        self._simulated = bool(self._master.parameter("/use_sim_time"))
         self._loop = Loop(f"tfdb ROS node {self.name}")
         interface = "127.0.0.1" if is_loopback(names.host) else ""
         self._server = TcprosServer(self._loop, interface, self._accept)
@@ -193,18 +187,6 @@ class TcprosNode(Closable):
                 raise
         return _Service(self, full)
 
-    def now(self) -> int:
-        """Nanoseconds by the node's clock: the system's, or /clock with `use_sim_time`.
-
-        The latter is 0 before the first message on /clock.
-        """
-        return self._now if self._simulated else time.time_ns()
-
-    @property
-    def simulated(self) -> bool:
-        """Whether `now` is simulated time."""
-        return self._simulated
-
     @property
     def senders(self) -> frozenset[str]:
         """Publisher names of this node's messages at other nodes: its name."""
@@ -214,18 +196,6 @@ class TcprosNode(Closable):
     def closed(self) -> bool:
         """Whether the node has ended, by `close` or by a request."""
         return bool(self._end)
-
-    def on_clock(self, called: Callable[[int], None]) -> Subscription:
-        """Call `called(now)` whenever simulated time is set, and once when the node ends.
-
-        If the node has already ended, call it at once.
-        """
-        listener = _ClockListener(self, called)
-        with self._lock:
-            self._clock_listeners.append(listener)
-        if self._ended.is_set():
-            called(self.now())
-        return listener
 
     def wait_closed(self, timeout: float | None = None) -> bool:
         """Wait until the node is closed, by `close` or by the master. Return whether it is."""
@@ -287,23 +257,13 @@ class TcprosNode(Closable):
 
     def _take_clock(self) -> None:
         def take(data: bytes | memoryview, _: str) -> None:
-            self._now = decode_clock(data, cdr=False)
-            self._report_clock()
+            self._set_clock(decode_clock(data, cdr=False))
 
         try:
             self.subscribe(CLOCK, CLOCK_KIND, take)
         except Exception:
             self.close()
             raise
-
-    def _report_clock(self) -> None:
-        with self._lock:
-            listeners = list(self._clock_listeners)
-        for listener in listeners:
-            try:
-                listener.called(self.now())
-            except Exception:
-                LOG.exception("a clock callback of %s failed", self.name)
 
     def _begin_topic(self, topic: SubscribedTopic) -> None:
         with self._lock:
@@ -390,22 +350,6 @@ class _Subscription:
         on_message, self._on_message = self._on_message, None
         if on_message is not None:
             self._node._leave_topic(self._topic, on_message)
-
-
-class _ClockListener:
-    """Callbacks for a new time. Threads: any."""
-
-    native = None
-
-    def __init__(self, node: TcprosNode, called: Callable[[int], None]) -> None:
-        self.called = called
-        self._node = node
-
-    def close(self) -> None:
-        """Stop calling the function."""
-        with self._node._lock:
-            if self in self._node._clock_listeners:
-                self._node._clock_listeners.remove(self)
 
 
 class _Publisher:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from tfdb.data.closable import Closable
 from tfdb.data.errors import InvalidArgument, NodeClosed, NotSupported
 
 from .clock_messages import CLOCK, CLOCK_KIND, decode_clock
-from .loop import LOG, warn_of_message
+from .clocked_node import ClockedNode
+from .loop import warn_of_message
 from .ros2_names import kind_of
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ class Link(Protocol):
         """Close it, with its endpoints."""
 
 
-class WireNode(Closable):
+class WireNode(ClockedNode):
     """A ROS 2 node over a `Link`. It closes the link, even if its constructor raises.
 
     Threads: any may call anything. Each subscription has a thread for its callback, so a callback
@@ -80,17 +79,12 @@ class WireNode(Closable):
     encoding: Encoding = "cdr"
 
     def __init__(self, names: Ros2Names, link: Link) -> None:
-        self.name: str = names.node
-        """Its full name in the graph."""
+        super().__init__(names.node, simulated=names.use_sim_time)
         self.graph: str = link.graph
         """Name of its graph, such as `ros2+zenoh:7`."""
         self._names, self._link = names, link
-        self._lock = threading.RLock()
-        self._on_clock: list[_Entity] = []
         self._opened: set[_Entity] = set()
         self._ended = False
-        self._now = 0
-        self._simulated = names.use_sim_time
         self._process = os.getpid()
         _OPEN.add(self)
         if self._simulated:
@@ -160,18 +154,6 @@ class WireNode(Closable):
         """Raise NotSupported: services need rclpy."""
         raise NotSupported(f"the service {name} needs a node of rclpy; {self.name} has topics only")
 
-    def now(self) -> int:
-        """Nanoseconds by the node's clock: the system's, or /clock with `use_sim_time`.
-
-        The latter is 0 before the first message on /clock.
-        """
-        return self._now if self._simulated else time.time_ns()
-
-    @property
-    def simulated(self) -> bool:
-        """Whether `now` is simulated time."""
-        return self._simulated
-
     @property
     def refused(self) -> int:
         """Count of refused messages, with an unexpected type, type hash or attachment."""
@@ -186,19 +168,6 @@ class WireNode(Closable):
     def closed(self) -> bool:
         """Whether the node was closed."""
         return self._ended
-
-    def on_clock(self, called: Callable[[int], None]) -> Subscription:
-        """Call `called(now)` whenever simulated time is set, and once when the node ends.
-
-        If the node has already ended, call it at once.
-        """
-        listener = _Entity(self, called=called)
-        with self._lock:
-            ended = self._ended
-            self._on_clock.append(listener)
-        if ended:
-            called(self.now())
-        return listener
 
     def close(self) -> None:
         """Close the node and all its entities. A second call does nothing."""
@@ -216,17 +185,7 @@ class WireNode(Closable):
         self._link.close()
 
     def _take_clock(self, data: bytes | memoryview, _: str) -> None:
-        self._now = decode_clock(data, cdr=True)
-        self._report_clock()
-
-    def _report_clock(self) -> None:
-        with self._lock:
-            listeners = list(self._on_clock)
-        for listener in listeners:
-            try:
-                listener.called(self.now())
-            except Exception:
-                LOG.exception("a clock callback of %s failed", self.name)
+        self._set_clock(decode_clock(data, cdr=True))
 
     def _check_open(self) -> None:
         if self._ended:
@@ -239,23 +198,16 @@ class WireNode(Closable):
     def _forget(self, entity: _Entity) -> None:
         with self._lock:
             self._opened.discard(entity)
-            self._on_clock = [each for each in self._on_clock if each is not entity]
 
 
 class _Entity:
-    """A subscription, publisher or clock callback of a node. Threads: any."""
+    """A subscription or publisher of a node. Threads: any."""
 
     native: Any = None
 
-    def __init__(
-        self,
-        node: WireNode,
-        opened: Opened | None = None,
-        *,
-        called: Callable[[int], None] = lambda _: None,
-    ) -> None:
-        self.called = called
-        self._node, self._end = node, opened
+    def __init__(self, node: WireNode, opened: Opened) -> None:
+        self._node = node
+        self._end: Opened | None = opened
 
     def close(self) -> None:
         """Close the entity. A second call does nothing."""
