@@ -26,7 +26,7 @@ import with_tfdb
 import tfdb
 from tfdb.player.player import Player
 from tfdb.player.tape import tape_of
-from tfdb.recordings.open_recordings import OpenRecordings, open_recordings
+from tfdb.recordings.open_recordings import OpenRecordings
 from tfdb.recordings.selection import Selection
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def recorded(messages: int, period: int, frames: int) -> Iterator[OpenRecordings
                 rows = [tfdb.TransformStamped("map", f"f{j}", stamp, *POSE) for j in range(frames)]
                 data = tfdb.encode_tf_message(rows, writer.encoding)
                 writer.write(data, stamp, topic="/tf")
-        with open_recordings(path, Selection()) as recordings:
+        with OpenRecordings(path, Selection()) as recordings:
             yield recordings
 
 
@@ -446,7 +446,7 @@ class Contender(with_tfdb.Contender):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "drive.mcap"
             write_commits(path, Path(folder), 600)
-            with open_recordings(path, Selection()) as recordings:
+            with OpenRecordings(path, Selection()) as recordings:
                 return jumps_in(recordings, 599.0, count)
 
     def commits_beside_waits(self, waits: int, count: int) -> float:

@@ -78,19 +78,15 @@ def test_convert(tool: Any, bag: Path, chosen: tfdb.Buffer, tmp_path: Path, suff
 
 
 def test_freeze_monitor_and_serve(
-    tool: Any, bag: Path, chosen: tfdb.Buffer, tmp_path: Path
+    tool: Any, bag: Path, chosen: tfdb.Buffer, tmp_path: Path, name: str
 ) -> None:
     tool("freeze", *arguments(bag), "-o", tmp_path / "part.tfdb")
     assert tfdb.open(tmp_path / "part.tfdb").frames() == chosen.frames()
     shown = tool("monitor", *arguments(bag)).out
     assert "r1/odom" in shown
     assert "base_link" not in shown
-    store = f"choice-{tmp_path.name}"
-    try:
-        tool("play", *arguments(bag), "--into", store, "--speed", "inf", "--history", 100)
-        assert tfdb.Buffer.open(store, mode="r").frames() == chosen.frames()
-    finally:
-        tfdb.Buffer.unlink(store)
+    tool("play", *arguments(bag), "--into", name, "--speed", "inf", "--history", 100)
+    assert tfdb.Buffer.open(name, mode="r").frames() == chosen.frames()
 
 
 def test_echo_and_change_notifier(tool: Any, bag: Path) -> None:
@@ -156,7 +152,7 @@ def arm(tmp_path: Path) -> Path:
     return path
 
 
-def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path) -> None:
+def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path, name: str) -> None:
     """Each command computes the eye at T[map<-base] (0, 0, lift + 0.5)."""
     given = ("--pose-topic", "/where=base", "--urdf", arm.with_suffix(".urdf"))
     found = tool("lookup", arm, "map", "eye", "3", *given, "--json").json
@@ -177,13 +173,9 @@ def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path) -> None:
         assert list(pose.translation) == pytest.approx([3, 0, 0.8])
     assert tool("check", arm, *given, "--json").json["transforms"] == 11
     assert "eye" in tool("monitor", arm, *given).out
-    store = f"arm-{tmp_path.name}"
-    try:
-        tool("play", arm, "--into", store, "--speed", "inf", *given)
-        with tfdb.Buffer.open(store, mode="r") as live:
-            assert live.frames() == ["base", "eye", "hand", "map"]
-    finally:
-        tfdb.Buffer.unlink(store)
+    tool("play", arm, "--into", name, "--speed", "inf", *given)
+    with tfdb.Buffer.open(name, mode="r") as live:
+        assert live.frames() == ["base", "eye", "hand", "map"]
     for wrong, words in (
         (("--pose-topic", "/where"), "--pose-topic /where=base_link"),
         (("--pose-topic", "/where="), "is not TOPIC or TOPIC=CHILD"),
@@ -206,24 +198,19 @@ def test_only_a_robot_with_joint_states_gets_fixed_joints(
     assert tfdb.load(out).frames() == tfdb.load([arm, other], urdf=urdf).frames()
 
 
-def test_serve_follow(tool: Any, mcap: Path, tmp_path: Path) -> None:
-    store = f"follow-{tmp_path.name}"
-    try:
-        given = ("--into", store, "--history", "100", "--prefix", "a/")
-        made = tool("serve", "follow", mcap, *given, "--json").json
-        assert (made["messages"], made["store"]) == (750, store)
-        with tfdb.Buffer.open(store, mode="r") as live:
-            assert live.frames() == tfdb.load(mcap, prefix="a/").frames()
-        cut = tmp_path / "cut.mcap"
-        cut.write_bytes(mcap.read_bytes()[:-100])
-        error = tool("serve", "follow", cut, *given, "--timeout", "0.01", code=2).error
-        assert "has no end: its writer stopped" in error
-        assert (
-            "keep: not valid while"
-            in tool("serve", "follow", cut, *given, "--keep", 1, code=2).error
-        )
-        cut.write_bytes(b"")
-        error = tool("serve", "follow", cut, *given, "--timeout", "0.01", code=2).error
-        assert "has no end: its writer stopped" in error
-    finally:
-        tfdb.Buffer.unlink(store)
+def test_serve_follow(tool: Any, mcap: Path, tmp_path: Path, name: str) -> None:
+    given = ("--into", name, "--history", "100", "--prefix", "a/")
+    made = tool("serve", "follow", mcap, *given, "--json").json
+    assert (made["messages"], made["store"]) == (750, name)
+    with tfdb.Buffer.open(name, mode="r") as live:
+        assert live.frames() == tfdb.load(mcap, prefix="a/").frames()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(mcap.read_bytes()[:-100])
+    error = tool("serve", "follow", cut, *given, "--timeout", "0.01", code=2).error
+    assert "has no end: its writer stopped" in error
+    assert (
+        "keep: not valid while" in tool("serve", "follow", cut, *given, "--keep", 1, code=2).error
+    )
+    cut.write_bytes(b"")
+    error = tool("serve", "follow", cut, *given, "--timeout", "0.01", code=2).error
+    assert "has no end: its writer stopped" in error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.store.shared import find_stores
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -383,18 +381,15 @@ def test_output_into_a_closed_pipe_is_not_an_error(tool: Tool, bag: Path) -> Non
     assert done.stderr == ""
 
 
-def test_parts_of_a_group_print_their_whole_name(tool: Tool, bag: Path, mcap: Path) -> None:
-    name = f"test-names-{os.getpid()}"
+def test_parts_of_a_group_print_their_whole_name(
+    tool: Tool, bag: Path, mcap: Path, name: str
+) -> None:
     into = ("--into", name, "--json")
-    try:
-        for arguments in (
-            ("serve", "follow", mcap, *into),
-            ("shm", "ls", "--json"),
-            ("shm", "info", name, "--json"),
-            ("shm", "compact", name, "--json"),
-            ("shm", "rm", name, "--json"),
-        ):
-            assert tool(*arguments).json["command"] == " ".join(map(str, arguments[:2]))
-    finally:
-        for left in set(find_stores()) & {name}:
-            tfdb.Buffer.unlink(left)
+    for arguments in (
+        ("serve", "follow", mcap, *into),
+        ("shm", "ls", "--json"),
+        ("shm", "info", name, "--json"),
+        ("shm", "compact", name, "--json"),
+        ("shm", "rm", name, "--json"),
+    ):
+        assert tool(*arguments).json["command"] == " ".join(map(str, arguments[:2]))

@@ -254,7 +254,9 @@ def test_files_without_a_message_to_salvage_are_refused(
     assert said == "tfdb: error: nothing to convert: no message of /tf_static could be read"
 
 
-def test_names_that_begin_with_a_dash_may_come_after_two(tool: Tool, tmp_path: Path) -> None:
+def test_names_that_begin_with_a_dash_may_come_after_two(
+    tool: Tool, tmp_path: Path, name: str
+) -> None:
     store = tfdb.Buffer()
     for i in range(3):
         store.set_transform("map", "-dash", i * 10**9, (i, 0, 0))
@@ -268,12 +270,8 @@ def test_names_that_begin_with_a_dash_may_come_after_two(tool: Tool, tmp_path: P
     for command in ("poses", "echo", "monitor"):
         done = tool(command, file, "map", "--", "-dash", code=2 if command == "monitor" else 0)
         assert "No such option" not in done.err
-    name = f"shm:test-dash-{os.getpid()}"
-    try:
-        tool("static-publisher", name, 0, 0, -1, 0, 0, 0, 1, "map", "--", "-dash")
-        assert "-dash" in tool("tree", name).out
-    finally:
-        tfdb.Buffer.unlink(name.removeprefix("shm:"))
+    tool("static-publisher", f"shm:{name}", 0, 0, -1, 0, 0, 0, 1, "map", "--", "-dash")
+    assert "-dash" in tool("tree", f"shm:{name}").out
 
 
 def test_suggestions_ignore_case(tool: Tool, bag: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -98,14 +97,10 @@ def test_the_help_lists_commands_without_frozen_stores(tool: Tool) -> None:
     assert "monitor reads all but .tfdb files. " in said
 
 
-def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:
-    name = f"test-freeze-{os.getpid()}"
+def test_of_a_live_store(tool: Tool, tmp_path: Path, name: str) -> None:
     store = tfdb.Buffer.open(name, create=True)
-    try:
-        store.set_transform("map", "base", 10, (1, 2, 3), (0, 0.6, 0, 0.8))
-        tool("freeze", f"shm:{name}", "-o", tmp_path / "x.tfdb")
-    finally:
-        tfdb.Buffer.unlink(name)
+    store.set_transform("map", "base", 10, (1, 2, 3), (0, 0.6, 0, 0.8))
+    tool("freeze", f"shm:{name}", "-o", tmp_path / "x.tfdb")
     frozen = tfdb.open(tmp_path / "x.tfdb")
     assert frozen.lookup_transform("map", "base") == store.lookup_transform("map", "base")
 

@@ -9,7 +9,7 @@ import socket
 import struct
 import subprocess
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 from urllib.request import urlopen
 
@@ -104,22 +104,17 @@ def test_a_recording_is_judged_by_expectations(tool: Tool, bag: Path, tmp_path: 
     assert kinds == {"deadline"}
 
 
-def test_a_shared_store_is_followed_until_it_is_removed() -> None:
-    name = f"test-view-cli-{id(object())}"
+def test_a_shared_store_is_followed_until_it_is_removed(name: str) -> None:
     with tfdb.Buffer.open(name) as robot:
         robot.set_transform("map", "base", 1, (1, 0, 0), TURN)
-        try:
-            with running(f"shm:{name}") as (process, address):
-                assert messages(address, "tree")["tree"]["names"] == ["map", "base"]
-                tfdb.Buffer.unlink(name)
-                assert process.wait(PATIENCE) == 2
-                assert process.stderr is not None
-                error = process.stderr.read()
-                assert error.startswith("tfdb: error: ")
-                assert name in error
-        finally:
-            with suppress(tfdb.errors.NoSuchStore):
-                tfdb.Buffer.unlink(name)
+        with running(f"shm:{name}") as (process, address):
+            assert messages(address, "tree")["tree"]["names"] == ["map", "base"]
+            tfdb.Buffer.unlink(name)
+            assert process.wait(PATIENCE) == 2
+            assert process.stderr is not None
+            error = process.stderr.read()
+            assert error.startswith("tfdb: error: ")
+            assert name in error
 
 
 def test_the_shapes_of_a_robot_are_served_and_missing_meshes_are_named(
@@ -142,48 +137,34 @@ def test_the_shapes_of_a_robot_are_served_and_missing_meshes_are_named(
         assert "1 mesh file not shown, no such file" in process.stderr.read()
 
 
-def test_a_shared_store_is_served_to_foxglove_until_it_is_removed() -> None:
+def test_a_shared_store_is_served_to_foxglove_until_it_is_removed(name: str) -> None:
     pytest.importorskip("foxglove")
-    name = f"test-view-foxglove-{id(object())}"
     with tfdb.Buffer.open(name) as robot:
         robot.set_transform("map", "base", 1, (1, 0, 0), TURN)
-        try:
-            with running(f"shm:{name}", "--foxglove") as (process, address):
-                assert address.startswith("ws://127.0.0.1:")
-                with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as viewer:
-                    assert f"shm:{name}" in str(viewer.recv(timeout=PATIENCE))
-                tfdb.Buffer.unlink(name)
-                assert process.wait(PATIENCE) == 2
-                assert process.stderr is not None
-                assert name in process.stderr.read()
-        finally:
-            with suppress(tfdb.errors.NoSuchStore):
-                tfdb.Buffer.unlink(name)
-
-
-def test_foxglove_ends_by_ctrl_c() -> None:
-    pytest.importorskip("foxglove")
-    name = f"test-view-foxglove-{id(object())}"
-    with tfdb.Buffer.open(name):
-        try:
-            with running(f"shm:{name}", "--foxglove") as (process, _):
-                process.send_signal(signal.SIGINT)
-                assert process.wait(PATIENCE) == 130
-                assert process.stderr is not None
-                assert "Traceback" not in process.stderr.read()
-        finally:
+        with running(f"shm:{name}", "--foxglove") as (process, address):
+            assert address.startswith("ws://127.0.0.1:")
+            with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as viewer:
+                assert f"shm:{name}" in str(viewer.recv(timeout=PATIENCE))
             tfdb.Buffer.unlink(name)
+            assert process.wait(PATIENCE) == 2
+            assert process.stderr is not None
+            assert name in process.stderr.read()
 
 
-def test_foxglove_at_a_port_in_use_is_named(tool: Tool) -> None:
+def test_foxglove_ends_by_ctrl_c(name: str) -> None:
     pytest.importorskip("foxglove")
-    name = f"test-view-foxglove-{id(object())}"
+    with tfdb.Buffer.open(name), running(f"shm:{name}", "--foxglove") as (process, _):
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 130
+        assert process.stderr is not None
+        assert "Traceback" not in process.stderr.read()
+
+
+def test_foxglove_at_a_port_in_use_is_named(tool: Tool, name: str) -> None:
+    pytest.importorskip("foxglove")
     with tfdb.Buffer.open(name), socket.create_server(("127.0.0.1", 0)) as taken:
-        try:
-            port = taken.getsockname()[1]
-            error = tool("view", f"shm:{name}", "--foxglove", "--port", port, code=2).error
-        finally:
-            tfdb.Buffer.unlink(name)
+        port = taken.getsockname()[1]
+        error = tool("view", f"shm:{name}", "--foxglove", "--port", port, code=2).error
     assert str(port) in error
     assert "in use" in error
 
@@ -218,20 +199,17 @@ def test_a_robot_is_drawn_by_the_joint_states_of_a_recording(tmp_path: Path) -> 
         assert found["hello"]["shapes"]
 
 
-def test_a_live_store_and_a_frozen_one_take_a_robot(tool: Tool, bag: Path, tmp_path: Path) -> None:
+def test_a_live_store_and_a_frozen_one_take_a_robot(
+    tool: Tool, bag: Path, tmp_path: Path, name: str
+) -> None:
     model = tmp_path / "robot.urdf"
     model.write_text('<robot name="r"><link name="base"/></robot>')
     frozen = tmp_path / "drive.tfdb"
     tool("freeze", bag, "-o", frozen)
     with running(frozen, "--urdf", model) as (_, address):
         assert messages(address, "hello")["hello"]["shapes"]
-    name = f"test-view-urdf-{id(object())}"
-    with tfdb.Buffer.open(name):
-        try:
-            with running(f"shm:{name}", "--urdf", model) as (_, address):
-                assert messages(address, "hello")["hello"]["shapes"]
-        finally:
-            tfdb.Buffer.unlink(name)
+    with tfdb.Buffer.open(name), running(f"shm:{name}", "--urdf", model) as (_, address):
+        assert messages(address, "hello")["hello"]["shapes"]
 
 
 def test_a_port_in_use_is_named(tool: Tool, bag: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import pickle
 from pathlib import Path
 
@@ -59,17 +58,13 @@ def test_of_other_engines(concurrency: str, tmp_path: Path) -> None:
     assert frozen.concurrency == "snapshot"
 
 
-def test_of_a_shared_store(tmp_path: Path) -> None:
-    name = f"test-freeze-{os.getpid()}"
+def test_of_a_shared_store(tmp_path: Path, name: str) -> None:
     with tfdb.Buffer.open(name, create=True).snapshot():
         pass
-    try:
-        shared = tfdb.Buffer.open(name, create=False)
-        fill(shared)
-        tfdb.Buffer.open(name, mode="r").freeze(tmp_path / "a.tfdb")
-        assert answers(tfdb.open(tmp_path / "a.tfdb")) == answers(shared)
-    finally:
-        tfdb.Buffer.unlink(name)
+    shared = tfdb.Buffer.open(name, create=False)
+    fill(shared)
+    tfdb.Buffer.open(name, mode="r").freeze(tmp_path / "a.tfdb")
+    assert answers(tfdb.open(tmp_path / "a.tfdb")) == answers(shared)
 
 
 def test_nothing_can_be_written(filled: tfdb.Buffer, tmp_path: Path) -> None:

@@ -587,26 +587,22 @@ def test_questions_and_epochs_as_text() -> None:
             messages.question_of(since, text, text)
 
 
-def test_the_epoch_of_a_new_home() -> None:
+def test_the_epoch_of_a_new_home(name: str) -> None:
     private = tfdb.Buffer()
     write(private, 1)
     assert epoch_for(private, SOURCE, []) > private.epoch
-    name = f"tfdb_net_{os.getpid()}"
     shared = tfdb.Buffer.open(name, create=True, size=1 << 25)
-    try:
-        assert epoch_for(shared, SOURCE, []) == shared.epoch
-        assert epoch_for(shared, SOURCE, [Epoch(3, bytes(16)), shared.epoch]) == shared.epoch
-        later = Epoch(1 << 62, bytes(16))
-        assert epoch_for(shared, SOURCE, [later]).number == later.number + 1
-        for number in ((1 << 63) - 1, 1 << 63):
-            with pytest.raises(InvalidArgument, match=f"^epoch {number} of a token"):
-                epoch_for(shared, SOURCE, [Epoch(number, bytes(16))])
-        shared.apply(private.commits_bytes(0), source=SOURCE)
-        assert epoch_for(shared, "other", []) == shared.epoch
-        assert epoch_for(shared, SOURCE, []) > shared.epoch, "it was a mirror: its log may fork"
-    finally:
-        shared.close()
-        tfdb.Buffer.unlink(name)
+    assert epoch_for(shared, SOURCE, []) == shared.epoch
+    assert epoch_for(shared, SOURCE, [Epoch(3, bytes(16)), shared.epoch]) == shared.epoch
+    later = Epoch(1 << 62, bytes(16))
+    assert epoch_for(shared, SOURCE, [later]).number == later.number + 1
+    for number in ((1 << 63) - 1, 1 << 63):
+        with pytest.raises(InvalidArgument, match=f"^epoch {number} of a token"):
+            epoch_for(shared, SOURCE, [Epoch(number, bytes(16))])
+    shared.apply(private.commits_bytes(0), source=SOURCE)
+    assert epoch_for(shared, "other", []) == shared.epoch
+    assert epoch_for(shared, SOURCE, []) > shared.epoch, "it was a mirror: its log may fork"
+    shared.close()
 
 
 def test_a_mirror_of_a_later_home_asks_an_earlier_one_so_that_it_stops(home: Sender) -> None:

@@ -16,7 +16,7 @@ from tfdb import errors
 from tfdb.player.controls import CONTROLS, KEYS, obey
 from tfdb.player.player import SOURCE, Player
 from tfdb.player.tape import tape_of
-from tfdb.recordings.open_recordings import open_recordings
+from tfdb.recordings.open_recordings import OpenRecordings
 from tfdb.recordings.selection import Selection
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def playing(
     path: Path | list[Path], store: tfdb.Buffer, **options: object
 ) -> Iterator[tuple[Player, threading.Thread]]:
     """Run a player in a thread. At the end it is stopped, and what it raised is raised."""
-    with open_recordings(path, Selection()) as recordings:
+    with OpenRecordings(path, Selection()) as recordings:
         player = Player(store, tape_of(recordings)[0], **options)  # type: ignore[arg-type]
         raised: list[BaseException] = []
 
@@ -367,7 +367,7 @@ def test_rounds_with_the_recorded_stamps(recording: Path) -> None:
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
 def test_bad_speeds(recording: Path, speed: float) -> None:
     with (
-        open_recordings(recording, Selection()) as recordings,
+        OpenRecordings(recording, Selection()) as recordings,
         pytest.raises(errors.InvalidArgument, match="speed must be positive"),
     ):
         Player(tfdb.Buffer(), tape_of(recordings)[0], speed=speed)

@@ -12,7 +12,7 @@ import tfdb
 from tests.stored import stored
 from tfdb import errors
 from tfdb.player.tape import CommitTape, MessageTape, tape_of
-from tfdb.recordings.open_recordings import open_recordings
+from tfdb.recordings.open_recordings import OpenRecordings
 from tfdb.recordings.selection import Selection
 
 from .test_player import begun, playing, settled
@@ -53,9 +53,9 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_recording_of_ours_is_played_by_commits(drive: Path) -> None:
-    with open_recordings(drive, Selection()) as recordings:
+    with OpenRecordings(drive, Selection()) as recordings:
         assert isinstance(tape_of(recordings)[0], CommitTape)
-    with open_recordings(drive, Selection(exclude=["camera"])) as recordings:
+    with OpenRecordings(drive, Selection(exclude=["camera"])) as recordings:
         assert isinstance(tape_of(recordings)[0], MessageTape)
 
 

@@ -25,7 +25,7 @@ from rosbags.typesys import Stores, get_typestore
 import tfdb
 from tfdb.recordings import RecordingWriter, follow_recording
 from tfdb.recordings.containers import Source
-from tfdb.recordings.open_recordings import open_recordings
+from tfdb.recordings.open_recordings import OpenRecordings
 from tfdb.recordings.pose_messages import decode_joint_state, decode_poses
 from tfdb.recordings.rewriting import rewrite
 from tfdb.recordings.selection import Selection
@@ -246,13 +246,13 @@ def test_a_copy_joins_poses_with_tf_only_if_they_agree(ros: Messages, tmp_path: 
     """A copy writes poses on /tf."""
     path = two_ways(ros, tmp_path, poses(5), poses(5, 8))
     with (
-        open_recordings(path, Selection(pose_topics={"/odom": "base"})) as recordings,
+        OpenRecordings(path, Selection(pose_topics={"/odom": "base"})) as recordings,
         pytest.raises(tfdb.errors.MixedSources, match="transforms of base: /odom; /tf"),
     ):
         recordings.rewriter(one_tree=False)
     agreeing = Selection(pose_topics={"/amcl": "base"})
     with (
-        open_recordings(path, agreeing) as recordings,
+        OpenRecordings(path, agreeing) as recordings,
         RecordingWriter(tmp_path / "out.mcap") as writer,
     ):
         rewrite(recordings, [recordings.rewriter(one_tree=False)], writer)
@@ -583,7 +583,7 @@ def test_a_rewriting_has_the_fixed_joints(ros: Messages, tmp_path: Path) -> None
     seen: list[tuple[int, int]] = []
     chosen = Selection(urdf=tfdb.robots.parse_urdf(URDF))
     with (
-        open_recordings(joint_run(ros, tmp_path), chosen) as recordings,
+        OpenRecordings(joint_run(ros, tmp_path), chosen) as recordings,
         RecordingWriter(tmp_path / "out.mcap") as writer,
     ):
         rewriters = [recordings.rewriter()]

@@ -13,7 +13,7 @@ import tfdb
 from tfdb import _core
 from tfdb.recordings import Recording, RecordingWriter
 from tfdb.recordings.load_report import refused_by
-from tfdb.recordings.open_recordings import open_recordings
+from tfdb.recordings.open_recordings import OpenRecordings
 from tfdb.recordings.rewriting import Rewriting, merged, rewrite
 from tfdb.recordings.selection import Selection
 from wire import oracle
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from tfdb.recordings.open_recordings import OpenRecordings
     from tfdb.recordings.rewriter import Rewriter
 
 S = 10**9
@@ -77,7 +76,7 @@ def opened(path: Path, options: dict[str, Any]) -> OpenRecordings:
     """Open a recording of groups that may disagree: its topics are named."""
     with Recording(path) as recording:
         topics = [topic.name for topic in recording.topics]
-    return open_recordings(path, Selection(topics=topics, **options))
+    return OpenRecordings(path, Selection(topics=topics, **options))
 
 
 def in_python(

@@ -148,17 +148,13 @@ def test_commands(domain: int) -> None:
             assert publisher.end()[0] == 130
 
 
-def test_serve_fills_a_store() -> None:
-    store = f"test-dds-{os.getpid()}"
+def test_serve_fills_a_store(name: str) -> None:
     with node("theirs") as theirs:
         theirs.advertise("/tf_static", TF, latched=True, depth=1).publish(message(7))
-        try:
-            with Command("serve", "ros2", "--rmw", "dds", "--into", store) as serving:
-                assert f"into shm:{store}" in serving.line()
-                shared = tfdb.Buffer.open(store, mode="r")
-                found = shared.lookup_transform("map", "base", None, timeout=LIMIT)
-                assert found.translation[0] == 7
-                assert is_gid(shared.frame_info("base").authority)
-                assert serving.end()[0] == 130
-        finally:
-            tfdb.Buffer.unlink(store)
+        with Command("serve", "ros2", "--rmw", "dds", "--into", name) as serving:
+            assert f"into shm:{name}" in serving.line()
+            shared = tfdb.Buffer.open(name, mode="r")
+            found = shared.lookup_transform("map", "base", None, timeout=LIMIT)
+            assert found.translation[0] == 7
+            assert is_gid(shared.frame_info("base").authority)
+            assert serving.end()[0] == 130

@@ -226,20 +226,16 @@ def test_commands(router: Any) -> None:
             assert publisher.end()[0] == 130
 
 
-def test_serve_fills_a_store(router: Any) -> None:
-    store = f"test-zenoh-{os.getpid()}"
+def test_serve_fills_a_store(router: Any, name: str) -> None:
     with node("theirs") as theirs:
         theirs.advertise("/tf_static", TF, latched=True, depth=1).publish(message(7))
-        try:
-            with Command("serve", "ros2", "--rmw", "zenoh", "--into", store) as serving:
-                assert f"into shm:{store}" in serving.line()
-                shared = tfdb.Buffer.open(store, mode="r")
-                found = shared.lookup_transform("map", "base", None, timeout=LIMIT)
-                assert found.translation[0] == 7
-                assert shared.frame_info("base").authority == "/theirs"
-                assert serving.end()[0] == 130
-        finally:
-            tfdb.Buffer.unlink(store)
+        with Command("serve", "ros2", "--rmw", "zenoh", "--into", name) as serving:
+            assert f"into shm:{name}" in serving.line()
+            shared = tfdb.Buffer.open(name, mode="r")
+            found = shared.lookup_transform("map", "base", None, timeout=LIMIT)
+            assert found.translation[0] == 7
+            assert shared.frame_info("base").authority == "/theirs"
+            assert serving.end()[0] == 130
 
 
 def test_rmw_implementation_chooses(router: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -730,25 +730,21 @@ def test_requests_of_a_buffer_that_is_closed(buffer: tf2.Buffer) -> None:
 # Named stores, service
 
 
-def test_one_listens_and_others_look_up(thread: ThreadPoolExecutor) -> None:
-    name = f"tf2-{os.getpid()}"
+def test_one_listens_and_others_look_up(thread: ThreadPoolExecutor, name: str) -> None:
     with tf2.Buffer(msgs.Duration(5), store=name) as writer, tf2.Buffer(store=name) as reader:
-        try:
-            assert reader.buffer.history == 5.0
-            waits = thread.submit(reader.lookup_transform, "map", "base", seconds(2), FOREVER)
-            store(writer, 2)
-            assert plain(waits.result(FOREVER))[3] == pytest.approx(POSE)
-            code = (
-                "from tfdb import tf2; from tfdb.tf2 import msgs;"
-                f"b = tf2.Buffer(store={name!r});"
-                "print(b.lookup_transform('map', 'base', msgs.Time(2)).transform.translation.y)"
-            )
-            other = subprocess.run(
-                [sys.executable, "-c", code], capture_output=True, text=True, check=True
-            )
-            assert other.stdout == "2.0\n"
-        finally:
-            tfdb.Buffer.unlink(name)
+        assert reader.buffer.history == 5.0
+        waits = thread.submit(reader.lookup_transform, "map", "base", seconds(2), FOREVER)
+        store(writer, 2)
+        assert plain(waits.result(FOREVER))[3] == pytest.approx(POSE)
+        code = (
+            "from tfdb import tf2; from tfdb.tf2 import msgs;"
+            f"b = tf2.Buffer(store={name!r});"
+            "print(b.lookup_transform('map', 'base', msgs.Time(2)).transform.translation.y)"
+        )
+        other = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
+        assert other.stdout == "2.0\n"
 
 
 def test_exclusive_arguments_are_refused() -> None:

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tools import make_ros2_env
 
 import tfdb
 from compat.tf2_oracle import unavailable
 from tf2 import conversions, real_tf2
+from tf2.real_ros import run_with_ros1, run_with_ros2
 from tf2.test_clouds import expected, matrix, random_cloud, simple
 from tfdb import tf2
 from tfdb.ros.times import nanoseconds
 from tfdb.tf2 import clouds, covariance, geometry, msgs
 
-TESTS = Path(__file__).resolve().parents[1]
 CHILD = Path(__file__).with_name("conversions_child.py")
 STAMP = msgs.Time(1_700_000_000, 123_456_789)
 NUMBERS = ("x", "y", "z", "w")
@@ -260,8 +257,6 @@ SHOWN = {name.removeprefix("test_difference_") for name in globals() if "_differ
 
 
 PROGRAM = """
-import sys
-{path}
 import numpy as np
 import geometry_msgs.msg
 import sensor_msgs.msg
@@ -328,37 +323,12 @@ def of_two_libraries(classes: Any, stamp: Any) -> None:
         assert np.allclose(list(place), found.apply((1, 2, 3)), rtol=0, atol=1e-12)
 
 
-def run_with_real_messages(environment: dict[str, str], path: str, time: str) -> None:
-    paths = [str(TESTS), str(TESTS.parent), environment.get("PYTHONPATH", "")]
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM.format(path=path, time=time)],
-        env=environment | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
-
-
 def test_messages_of_ros1() -> None:
-    if real_tf2.missing():
-        unavailable(f"no ROS 1: {real_tf2.missing()}")
-    if sys.version_info[:2] != (3, 11):
-        unavailable("Debian's ROS 1 is for Python 3.11")
-    run_with_real_messages(
-        dict(os.environ),
-        # After our own, or the system's numpy would be taken.
-        "sys.path.append('/usr/lib/python3/dist-packages')",
-        "import rospy; stamp = rospy.Time(1_700_000_000, 123_456_789)",
-    )
+    time = "import rospy; stamp = rospy.Time(1_700_000_000, 123_456_789)"
+    run_with_ros1(PROGRAM.format(time=time))
 
 
 def test_messages_of_ros2() -> None:
-    if not make_ros2_env.is_made():
-        unavailable("no ROS 2: make ros2")
-    run_with_real_messages(
-        make_ros2_env.environment(),
-        "",
-        "from builtin_interfaces.msg import Time; "
-        "stamp = Time(sec=1_700_000_000, nanosec=123_456_789)",
-    )
+    time = "from builtin_interfaces.msg import Time; "
+    time += "stamp = Time(sec=1_700_000_000, nanosec=123_456_789)"
+    run_with_ros2(PROGRAM.format(time=time))

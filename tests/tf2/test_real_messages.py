@@ -2,17 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
-from tools import make_ros2_env
-
-from compat.tf2_oracle import unavailable
-from tf2 import real_tf2
-
-TESTS = Path(__file__).resolve().parents[1]
+from tf2.real_ros import run_with_ros1, run_with_ros2
 
 PROGRAM = """
 import io
@@ -94,33 +84,8 @@ print("done")
 
 
 def test_messages_of_ros2() -> None:
-    if not make_ros2_env.is_made():
-        unavailable("no ROS 2: make ros2")
-    environment = make_ros2_env.environment()
-    paths = [environment["PYTHONPATH"], str(TESTS), str(TESTS.parent)]
-    done = subprocess.run(
-        [sys.executable, "-c", OF_ROS2],
-        env=environment | {"PYTHONPATH": os.pathsep.join(paths)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
+    run_with_ros2(OF_ROS2)
 
 
 def test_messages_of_ros1() -> None:
-    if real_tf2.missing():
-        unavailable(f"no ROS 1: {real_tf2.missing()}")
-    if sys.version_info[:2] != (3, 11):
-        unavailable("Debian's ROS 1 is for Python 3.11")
-    # After our own, or the system's numpy would be taken.
-    program = "import sys; sys.path.append('/usr/lib/python3/dist-packages')\n" + PROGRAM
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=dict(os.environ),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
-    assert "TF_REPEATED_DATA" in done.stderr
+    run_with_ros1(PROGRAM)

@@ -61,11 +61,11 @@ json_lines_option: Callable[[FC], FC] = click.option(
 
 def open_selected(paths: Sequence[Path]) -> OpenRecordings:
     """Open recordings to read the part that the options select; report their losses."""
-    from tfdb.recordings.open_recordings import open_recordings  # noqa: PLC0415 - not for frozen stores
+    from tfdb.recordings.open_recordings import OpenRecordings  # noqa: PLC0415 - not for frozen stores
     from tfdb.trajectories.reading_report import warn_of_rows  # noqa: PLC0415
 
     refuse_frozen(paths)
-    opened = open_recordings(paths, selected())
+    opened = OpenRecordings(paths, selected())
     for recording in opened.files:
         for note in recording.notes:
             warnings.warn(note, tfdb.TfdbWarning, stacklevel=2)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.data.time_text import format_date, format_duration, format_ns
+from tfdb.data.time_text import format_date, format_duration, format_ns, format_offset
 from tfdb.store.report import frames_passed
 
 from . import common, layout, output
@@ -151,14 +151,10 @@ def _row(name: str, edge: Any, stamp: int) -> tuple[Any, ...]:
         return (name, "", "", "", "", "", "")
     if edge.used == "static":
         return (name, edge.parent, layout.quiet("static"), "", "", "", "")
-    before = "" if edge.before is None else _offset(edge.before - stamp)
-    after = "" if edge.after is None else _offset(edge.after - stamp)
+    before = "" if edge.before is None else format_offset(edge.before - stamp)
+    after = "" if edge.after is None else format_offset(edge.after - stamp)
     gap = format_duration(edge.gap) if edge.gap else ""
     return (name, edge.parent, edge.used, before, after, gap, format_duration(edge.age))
-
-
-def _offset(ns: int) -> str:
-    return ("+" if ns >= 0 else "") + format_duration(ns)
 
 
 def _numbers(values: Any, digits: int = 6) -> str:

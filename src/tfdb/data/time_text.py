@@ -60,6 +60,11 @@ def format_duration(ns: int) -> str:
     return f"{sign}{hours} h" + (f" {rest} min" if rest else "")
 
 
+def format_offset(ns: int) -> str:
+    """Write a duration with its sign: ``+33.4 ms``."""
+    return ("+" if ns >= 0 else "") + format_duration(ns)
+
+
 def _three_digits(value: Decimal) -> str:
     digits = 0 if value >= 100 else 1 if value >= 10 else 2
     text = f"{value:.{digits}f}"

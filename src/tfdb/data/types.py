@@ -232,18 +232,6 @@ class RosHeader(Protocol):
         """The stamp."""
 
 
-class RosTransform(Protocol):
-    """A `geometry_msgs/Transform`."""
-
-    @property
-    def translation(self) -> VectorLike:
-        """Metres."""
-
-    @property
-    def rotation(self) -> QuaternionLike:
-        """Unit quaternion."""
-
-
 class RosTransformStamped(Protocol):
     """A `geometry_msgs/TransformStamped` of any ROS library."""
 
@@ -256,7 +244,7 @@ class RosTransformStamped(Protocol):
         """The child."""
 
     @property
-    def transform(self) -> RosTransform:
+    def transform(self) -> Posed:
         """T[parent<-child]."""
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tfdb.data.counting import counted
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
-from tfdb.data.time_text import format_duration, format_ns
+from tfdb.data.time_text import format_duration, format_ns, format_offset
 from tfdb.store.summary import GAP_FACTOR, YEAR_NS, Clock, Gap, describe_clocks, find_gaps
 
 from . import motion
@@ -366,7 +366,7 @@ def _jumps(edges: Sequence[Edge], rows: Mapping[str, npt.NDArray[np.int64]]) -> 
         times = "" if len(at) == 1 else f" {_times(len(at))}, first"
         message = (
             f"the stamps of {counted(len(members), 'edge')} jump{times} from {format_ns(before)} "
-            f"to {format_ns(before + step)} ({_signed(step)}) while "
+            f"to {format_ns(before + step)} ({format_offset(step)}) while "
             f"{format_duration(arrival - int(edge.arrivals[at[0]]))} passed"
         )
         details = {
@@ -594,7 +594,3 @@ def _coverage(edge: Edge, start: int, end: int, limits: Limits) -> Iterator[Find
 
 def _times(number: int) -> str:
     return "once" if number == 1 else f"{number:,} times"
-
-
-def _signed(ns: int) -> str:
-    return ("+" if ns >= 0 else "") + format_duration(ns)

@@ -14,7 +14,7 @@ from tfdb.data.path_checks import check_path
 
 from .load_report import Tally, warn_of_refused
 from .mcap_reader import GrowingMcap
-from .open_recordings import open_recordings, rewriter_without_survey
+from .open_recordings import OpenRecordings, rewriter_without_survey
 from .recording import runs_of
 from .selection import absolute, selected
 from .topic_groups import Watch, spelling_of
@@ -128,7 +128,7 @@ class Following:
                 time.sleep(self._interval)
             came = {absolute(name) for name in self._tally.topics}
             if not self._tally.transforms or self._selection.choice.topics - came:
-                with open_recordings(self._path, self._selection):
+                with OpenRecordings(self._path, self._selection):
                     pass  # it refuses topics that are missing
 
     def _take(self, messages: Recorded, sources: Mapping[int, Source], watch: Watch | None) -> None:

@@ -13,7 +13,7 @@ from tfdb.store.forgotten import warn_of_forgotten
 from tfdb.store.summary import clocks, describe_clocks
 
 from .load_report import Tally, warn_of_refused
-from .open_recordings import each_once, open_recordings
+from .open_recordings import OpenRecordings, each_once
 from .selection import selected
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def load_into(
     tally = Tally(buffer)
     before = buffer.tree()
     clocks_before = len(clocks(before, buffer))
-    with open_recordings(each_once(path), selection) as recordings:
+    with OpenRecordings(each_once(path), selection) as recordings:
         choice = recordings.choice
         names = tuple(str(recording.path) for recording in recordings.files)
         meter = _Meter(recordings.count, progress, 3 if choice.needs_survey else 2)

@@ -45,28 +45,6 @@ if TYPE_CHECKING:
     Step = Callable[[int], None]
 
 
-def open_recordings(files: Paths, selection: Selection) -> OpenRecordings:
-    """Open recordings to read a selection of them, in the order of their start.
-
-    Parameters
-    ----------
-    files
-        One recording or several, as in `tfdb.load`.
-    selection
-        The part to read.
-
-    Raises
-    ------
-    RecordingError
-        A file is not a recording, is damaged or cut short; a topic is missing or has another type.
-    InvalidArgument
-        No file, or a `stamp_unit` where no file is a trajectory.
-    OSError
-        A file cannot be opened.
-    """
-    return OpenRecordings(files, selection)
-
-
 def each_once(given: Paths) -> list[Path]:
     """List the paths; refuse one that comes twice."""
     paths = check_paths(given, RecordingError)
@@ -80,9 +58,18 @@ def each_once(given: Paths) -> list[Path]:
 
 
 class OpenRecordings:
-    """Recordings that are read together: `given` in the given order, `files` sorted by their start.
+    """Recordings that are read together, under a selection: `given`, and `files` by their start.
 
     A context manager, which closes them. Threads: one.
+
+    Raises
+    ------
+    RecordingError
+        A file is not a recording, is damaged or cut short; a topic is missing or has another type.
+    InvalidArgument
+        No file, or a `stamp_unit` where no file is a trajectory.
+    OSError
+        A file cannot be opened.
     """
 
     def __init__(self, files: Paths, selection: Selection) -> None:

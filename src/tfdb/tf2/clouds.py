@@ -24,7 +24,7 @@ from tfdb.ros.times import SECOND, nanoseconds
 
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .exceptions import InvalidArgumentException
-from .geometry import from_msg_msg, to_msg_msg
+from .geometry import from_msg_msg, rotation_of, to_msg_msg
 from .message_checks import refuse_unlike
 from .transform_argument import fill_result_header, rigid
 
@@ -197,7 +197,7 @@ def do_transform_cloud(cloud: Any, transform: Any) -> Any:
     rigid_transform = rigid(transform)
     points = _Points(cloud)
     points.put(points.place, rigid_transform.apply(points.rows(points.place)))
-    turn = _core.Transform("target", "source", (0.0, 0.0, 0.0), rigid_transform.rotation)
+    turn = rotation_of(rigid_transform)
     for normal in points.normals:
         points.put(normal, turn.apply(points.rows(normal)))
     made = points.message()

@@ -86,7 +86,7 @@ def _begin(given: Any, kind: str, transform: Any) -> tuple[_core.Transform, Any,
     return turn, made, inside, getattr(made, member)
 
 
-def _rotation_of(transform: _core.Transform) -> _core.Transform:
+def rotation_of(transform: _core.Transform) -> _core.Transform:
     """The rotation of a transform alone."""
     return _core.Transform("target", "source", (0.0, 0.0, 0.0), transform.rotation)
 
@@ -150,7 +150,7 @@ def do_transform_point(point: Any, transform: Any) -> Any:
 def do_transform_vector3(vector3: Any, transform: Any) -> Any:
     """Rotate a Vector3Stamped or Vector3 to the axes of the target frame, without translation."""
     turn, made, source, target = _begin(vector3, "vector3", transform)
-    _apply(_rotation_of(turn), source, target)
+    _apply(rotation_of(turn), source, target)
     return made
 
 
@@ -207,7 +207,7 @@ def do_transform_wrench(wrench: Any, transform: Any, *, about_target: bool = Fal
         origin: torque' = R torque + t x force' (as tf2_kdl transforms a KDL Wrench).
     """
     turn, made, source, target = _begin(wrench, "wrench", transform)
-    rotation = _rotation_of(turn)
+    rotation = rotation_of(turn)
     _apply(rotation, source.force, target.force)
     _apply(rotation, source.torque, target.torque)
     if about_target:
@@ -233,7 +233,7 @@ def do_transform_twist(twist: Any, transform: Any, *, about_target: bool = False
         Twist).
     """
     turn, made, source, target = _begin(twist, "twist", transform)
-    rotation = _rotation_of(turn)
+    rotation = rotation_of(turn)
     _apply(rotation, source.linear, target.linear)
     _apply(rotation, source.angular, target.angular)
     if about_target:

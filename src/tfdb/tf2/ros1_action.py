@@ -40,10 +40,8 @@ LOGGER = logging.getLogger("tfdb.tf2")
 ACTION = "tf2_msgs/LookupTransformAction"
 GOAL_ID, STATUS_LIST = "actionlib_msgs/GoalID", "actionlib_msgs/GoalStatusArray"
 ACTIVE, PREEMPTED, SUCCEEDED, RECALLING, RECALLED = 1, 2, 3, 7, 8
-STATUS_PERIOD, KEPT = (
-    0.2,
-    5.0,
-)  # seconds between statuses, and seconds for which an ended goal is listed
+STATUS_PERIOD = 0.2  # seconds between statuses
+KEPT = 5.0  # seconds for which an ended goal is listed
 QUEUE = 50
 # Least nanoseconds between a goal and its result. actionlib's Python client drops a result that
 # arrives before its send_goal has returned, and then waits forever.
