@@ -110,20 +110,14 @@ private:
                 stay[parent].push_back(child);
         });
         for (std::size_t i = 0; i < ids_.size(); ++i) {
-            if (ids_[i] < stay.size() && !stay[ids_[i]].empty())
-                refuse_used(i, stay[ids_[i]]);
+            if (ids_[i] >= stay.size() || stay[ids_[i]].empty())
+                continue;
+            std::vector<std::string> children;
+            for (const FrameId child : stay[ids_[i]])
+                children.push_back(store_.names.name(child));
+            refusals_.add(
+                used_frame(names_[i], i, store_.remover_of(ids_[i]), std::move(children)));
         }
-    }
-
-    void refuse_used(std::size_t index, const std::vector<FrameId>& children) {
-        if (const auto source = store_.remover_of(ids_[index])) {
-            refusals_.add(read_only_frame(names_[index], index, *source));
-            return;
-        }
-        std::vector<std::string> names;
-        for (const FrameId child : children)
-            names.push_back(store_.names.name(child));
-        refusals_.add(frame_in_use(names_[index], index, std::move(names)));
     }
 
     Store& store_;

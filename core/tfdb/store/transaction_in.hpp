@@ -179,7 +179,10 @@ public:
                 seen.insert(children.begin(), children.end());
                 gone.insert(gone.end(), children.begin(), children.end());
             } else if (!children.empty()) {
-                refusals.add(used(gone[i], names[places[i]], places[i], children));
+                const bool is_own = this->writes().is_own(gone[i]);
+                refusals.add(used_frame(names[places[i]], places[i],
+                                        is_own ? std::nullopt : store_.remover_of(gone[i]),
+                                        names_of(children)));
             }
         }
         if (!refusals.empty())
@@ -298,12 +301,6 @@ private:
     }
 
     /// For a frame that was to be removed, and has children that stay.
-    [[nodiscard]] Error used(FrameId id, std::string_view name, std::size_t index,
-                             std::span<const FrameId> children) const {
-        if (const auto source = this->writes().is_own(id) ? std::nullopt : store_.remover_of(id))
-            return read_only_frame(name, index, *source);
-        return frame_in_use(name, index, names_of(children));
-    }
 
     [[nodiscard]] FrameId find(std::string_view name) {
         FrameId id = kNoFrame;

@@ -366,6 +366,14 @@ Error frame_in_use(std::string_view name, std::size_t index, std::vector<std::st
                       std::move(detail));
 }
 
+Error used_frame(std::string_view name, std::size_t index, const std::optional<std::string>& source,
+                 std::vector<std::string> children) {
+    if (source)
+        return read_only_frame(name, index, *source);
+    return frame_in_use(name, index, std::move(children),
+                        "remove those first, or pass recursive=True");
+}
+
 Error cycle_fault(const TransformView& transform, std::size_t index, bool is_static,
                   std::string_view authority) {
     ErrorDetail detail = detail_of(transform, index, authority);

@@ -84,9 +84,12 @@ void check_may_exist(const Question& question);
 [[nodiscard]] ReadOnly read_only_frame(std::string_view name, std::optional<std::size_t> index,
                                        std::string_view source);
 /// `advice` ends the message.
-[[nodiscard]] Error frame_in_use(
-    std::string_view name, std::size_t index, std::vector<std::string> children,
-    const std::string& advice = "remove those first, or pass recursive=True");
+[[nodiscard]] Error frame_in_use(std::string_view name, std::size_t index,
+                                 std::vector<std::string> children, const std::string& advice);
+/// For a removal that leaves children: FrameInUse, or ReadOnly for a frame of `source`.
+[[nodiscard]] Error used_frame(std::string_view name, std::size_t index,
+                               const std::optional<std::string>& source,
+                               std::vector<std::string> children);
 [[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index, bool is_static,
                                 std::string_view authority);
 
