@@ -134,6 +134,7 @@ public:
           make_(reinterpret_cast<newfunc>(PyType_GetSlot(&PyTuple_Type, Py_tp_new))) {}
 
     [[nodiscard]] Py_ssize_t size() const { return static_cast<Py_ssize_t>(count_); }
+    [[nodiscard]] StampNs commit(Py_ssize_t row) const { return commits_.data<StampNs>()[row]; }
     [[nodiscard]] nb::object sample(Py_ssize_t row) const {
         geometry::Pose pose;
         std::memcpy(&pose, poses_.data<double>() + 7 * row, sizeof pose);
@@ -255,6 +256,7 @@ PyObject* next_sample(PyObject* self) {
         Py_ssize_t row = 0;
         if (stream.lock != nullptr) {
             const Turn turn(stream.lock);
+            const nb::ft_object_guard guard(self);
             if (turn && stream.ended == 0 && stream.rows && stream.next < stream.rows->size()) {
                 rows = stream.rows;
                 row = stream.next++;
@@ -269,13 +271,29 @@ PyObject* next_sample(PyObject* self) {
 
 PyObject* set_rows(PyObject* self, PyObject* const* args, Py_ssize_t count) {
     return guarded([&]() -> PyObject* {
-        if (count != 7)
-            throw nb::type_error("_set_rows takes the seven columns of rows_of_commits");
+        if (count != 8)
+            throw nb::type_error("_set_rows takes the columns of rows_of_commits, and a row");
         // The old rows are released last: that may run any code.
         auto rows = std::make_shared<const SampleRows>(args[0], args[1], args[2], args[3], args[4],
                                                        args[5], args[6]);
+        const Py_ssize_t next = PyNumber_AsSsize_t(args[7], PyExc_IndexError);
+        if (next == -1 && PyErr_Occurred() != nullptr)
+            throw nb::python_error();
+        const nb::ft_object_guard guard(self);
         stream_of(self).rows.swap(rows);
+        stream_of(self).next = next;
         return Py_NewRef(Py_None);
+    });
+}
+
+/// Needs no lock, so that it waits for no reading thread.
+PyObject* commit_of_next(PyObject* self, PyObject* /*unused*/) {
+    return guarded([&]() -> PyObject* {
+        const StreamRowsObject& stream = stream_of(self);
+        const nb::ft_object_guard guard(self);
+        if (stream.rows == nullptr || stream.next >= stream.rows->size())
+            return Py_NewRef(Py_None);
+        return PyLong_FromLongLong(stream.rows->commit(stream.next));
     });
 }
 
@@ -329,7 +347,10 @@ PyMemberDef g_stream_members[] = {
 PyMethodDef g_stream_methods[] = {
     {"_set_rows", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(set_rows)),
      METH_FASTCALL,
-     "_set_rows($self, /, *columns)\n--\n\nHold the columns that `rows_of_commits` returned."},
+     "_set_rows($self, /, *columns)\n--\n\nHold the columns that `rows_of_commits` returned, and "
+     "set the next row."},
+    {"_commit_of_next", commit_of_next, METH_NOARGS,
+     "_commit_of_next($self, /)\n--\n\nReturn the commit of the next row; None: all were read."},
     {"_sample", sample_of_row, METH_O,
      "_sample($self, row, /)\n--\n\nReturn a row of those as a Sample."},
     {nullptr, nullptr, 0, nullptr},

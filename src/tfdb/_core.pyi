@@ -2366,9 +2366,12 @@ class StreamRows:
         statics: numpy.typing.NDArray[numpy.bool_],
         commits: numpy.typing.NDArray[numpy.int64],
         authorities: list[str],
+        row: int,
         /,
     ) -> None:
-        """Hold the columns that `rows_of_commits` returned."""
+        """Hold the columns that `rows_of_commits` returned, and set the next row."""
+    def _commit_of_next(self) -> int | None:
+        """Return the commit of the next row; None: all were read."""
     def _sample(self, row: int, /) -> tfdb.types.Sample:
         """Return a row of those as a Sample."""
     def __next__(self) -> tfdb.types.Sample:

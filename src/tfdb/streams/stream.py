@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,7 +44,8 @@ class Stream(StreamRows, Cursor["Sample"]):
 
     `Buffer.follow()` creates it. Iterate over it, over `batches()` or over `changes()`, or call the
     `read_` methods. The samples of a commit are sorted by edge and stamp, the moving ones first.
-    `Stream` is a context manager; any thread may call `close()`, which ends all reads. One thread
+    `Stream` is a context manager. Any thread may read `commit`, and call `close()`, which ends all
+    reads. One thread
     reads at a time, and others wait for it. If commits are frequent, iteration reads those of a
     millisecond together.
     """
@@ -70,6 +72,7 @@ class Stream(StreamRows, Cursor["Sample"]):
         self._held_commit = 0  # number of rows from before the stream
         self._floor = 0  # `read_back` reads later commits only
         self._records: deque[Changes] = deque()
+        self._left = 0  # how often unread rows were left to be read as records
         start = buffer.snapshot()
         try:
             super().__init__(
@@ -89,9 +92,15 @@ class Stream(StreamRows, Cursor["Sample"]):
     @property
     def commit(self) -> int:
         """The last commit that was read completely; `follow(since=...)` continues from it."""
-        if self._unread:
-            return int(self._rows.commits[self._next]) - 1
-        return self._records[0].commit - 1 if self._records else self._position
+        while True:
+            # Another thread may be reading: it stores what it read, then its new position.
+            left, position = self._left, self._position
+            if (unread := self._commit_of_next()) is not None:
+                return unread - 1
+            with suppress(IndexError):
+                return self._records[0].commit - 1
+            if left == self._left:
+                return position
 
     def read_next(self, n: int = 1, timeout: float | None = 0) -> Sample | None:
         """Read the sample `n` places after the last one read.
@@ -122,7 +131,7 @@ class Stream(StreamRows, Cursor["Sample"]):
             while self._unread < n:
                 if until is None:
                     self._gather()
-                if not self._more(self._read_rows) and not self._wait(until):
+                if not self._more_rows() and not self._wait(until):
                     return None
             return self._move(n)
 
@@ -292,8 +301,8 @@ class Stream(StreamRows, Cursor["Sample"]):
 
     def _keep(self, rows: Rows, row: int) -> None:
         """Replace the unread rows, and set the next one."""
-        self._set_rows(*rows.columns())
-        self._rows, self._next = rows, row
+        self._set_rows(*rows.columns(), row)
+        self._rows = rows
 
     def _append(self, rows: Rows) -> None:
         """Append rows to the unread ones, and drop the read ones."""
@@ -322,43 +331,54 @@ class Stream(StreamRows, Cursor["Sample"]):
                 kept[row] = True
         return rows if kept.all() else rows.chosen(kept)
 
-    def _read_rows(self) -> bool:
-        """Append the next rows to the unread ones. False: the frames have none."""
+    def _more_rows(self, *, quietly: bool = False) -> bool:
+        """Append rows to the unread ones: those of unread records first. False: there are none."""
         if self._records:
-            self._position = self._records[0].commit - 1
+            before = self._unread
+            self._append(of_changes(self._records))
             self._records.clear()
-        buffer, before = self._buffer, self._unread
+            if self._unread > before:
+                return True
+        return self._more(self._read_rows, quietly=quietly)
+
+    def _read_rows(self) -> bool:
+        """Append the rows of the next commits to the unread ones. False: the frames have none."""
+        before = self._unread
         try:
-            data = buffer.commits_bytes(
+            data = self._buffer.commits_bytes(
                 self._position, max_commits=_COMMITS, max_bytes=_BYTES, frames=self._frames
             )
-            self._position, rows = of_bytes(data)
+            position, rows = of_bytes(data)
         except Gone:
-            rows = of_changes(self._next_records())
+            records, position = self._next_records()
+            rows = of_changes(records)
         self._append(rows)
+        self._position = position
         return self._unread > before
 
-    def _next_records(self) -> list[Changes]:
+    def _next_records(self) -> tuple[list[Changes], int]:
+        """Read the next records, and the position after them."""
         newest = self._buffer.commit
         records = self._buffer.changes(self._position, _RECORDS, frames=self._frames)
         last = records[-1].commit if records else 0
-        self._position = last if len(records) == _RECORDS else max(newest, last)
         self._gone += sum(sum(record.gone.values()) for record in records)
-        return records
+        return records, last if len(records) == _RECORDS else max(newest, last)
 
     def _read_records(self) -> bool:
-        self._records.extend(self._next_records())
-        return bool(self._records)
+        records, position = self._next_records()
+        self._records.extend(records)
+        self._position = position
+        return bool(records)
 
     def _drain(self) -> bool:
         """Read up to the newest commit. False: all rows were read."""
-        while self._more(self._read_rows, quietly=True):
+        while self._more_rows(quietly=True):
             self._next = len(self._rows) - 1
         return self._unread > 0
 
     def _earlier(self) -> bool:
         """Insert earlier rows. False: the feed no longer has them."""
-        last = int(self._rows.commits[0]) if len(self._rows) else self._position
+        last = int(self._rows.commits[0]) if len(self._rows) else self.commit
         known = int((self._rows.commits == last).sum())
         while last > self._floor:
             since = max(last - _RECORDS, self._floor)
@@ -393,13 +413,13 @@ class Stream(StreamRows, Cursor["Sample"]):
             with self._lock:
                 self._check_open()
                 while not self._unread:
-                    if not self._more(self._read_rows) and not self._wait(None):
+                    if not self._more_rows() and not self._wait(None):
                         return None
                 until = time.monotonic() + max_wait
                 while self._unread < max_rows and (left := until - time.monotonic()) > 0:
                     if self._closing.wait(left):
                         break
-                    while self._unread < max_rows and self._more(self._read_rows):
+                    while self._unread < max_rows and self._more_rows():
                         pass
                 last = min(self._next + max_rows, len(self._rows))
                 rows = self._rows.part(self._next, last)
@@ -423,11 +443,13 @@ class Stream(StreamRows, Cursor["Sample"]):
             return None
 
     def _leave_rows(self) -> Changes | None:
-        """Drop unread rows, to read them as records; make a record of a held state."""
+        """Drop all that is unread, to read it as records; make a record of a held state."""
         rows = self._rows.part(self._next, len(self._rows))
         commit = int(rows.commits[0])
         is_cut = self._next > 0 and self._rows.commits[self._next - 1] == commit
         self._position = commit if is_cut or commit == self._held_commit else commit - 1
+        self._left += 1
+        self._records.clear()
         self._keep(NONE, 0)
         if is_cut or commit != self._held_commit:
             return None
