@@ -44,10 +44,9 @@ class Stream(StreamRows, Cursor["Sample"]):
 
     `Buffer.follow()` creates it. Iterate over it, over `batches()` or over `changes()`, or call the
     `read_` methods. The samples of a commit are sorted by edge and stamp, the moving ones first.
-    `Stream` is a context manager. Any thread may read `commit`, and call `close()`, which ends all
-    reads. One thread
-    reads at a time, and others wait for it. If commits are frequent, iteration reads those of a
-    millisecond together.
+    `Stream` is a context manager. Any thread may ask for `commit`, and may call `close()`, which
+    ends all reads. One thread reads at a time, and others wait for it. If commits are frequent,
+    iteration reads those of a millisecond together.
     """
 
     def __init__(
