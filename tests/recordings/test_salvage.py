@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import re
 import sqlite3
 import struct
@@ -234,6 +235,24 @@ def test_rows_after_a_damaged_page_are_read(
         found, losses = salvaged(path)
         assert [received for received, _ in found] == intact, page
         assert losses
+
+
+def test_an_intact_page_between_damaged_ones_is_read(
+    recorder: Any, messages: list[Any], tmp_path: Path
+) -> None:
+    """The search in steps that double may step over it."""
+    path, pages = database(recorder, messages, tmp_path)
+    raw, each = path.read_bytes(), sorted(set(pages))
+    for seed in range(20):
+        damaged = set(random.Random(seed).sample(each, 2 * len(each) // 3))
+        changed = bytearray(raw)
+        for page in damaged:
+            changed[page : page + 4096] = bytes(4096)
+        path.write_bytes(changed)
+        rows = zip(messages[:300], pages, strict=True)
+        intact = [message.received for message, at in rows if at not in damaged]
+        found, _ = salvaged(path)
+        assert [received for received, _ in found] == intact, damaged
 
 
 def test_a_row_with_a_wrong_number_hides_no_other(

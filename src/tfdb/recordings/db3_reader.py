@@ -48,6 +48,10 @@ _TABLES = (
     "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('messages', 'topics')"
 )
 _LAST_ROW = 2**62
+_PLACES = 1 << 14
+"""Largest number of places at which a gap is searched for intact pages."""
+_SHORT = 64
+"""Bytes of a short message with its row."""
 _WAL_MAGICS = (0x377F0682, 0x377F0683)
 _DISORDER = "its rows are out of order"
 _NO_MESSAGE = "a row is not a message: its time is negative, or its types are wrong"
@@ -252,8 +256,9 @@ def _rows(
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a table in the order of their numbers, without those on damaged pages.
 
-    After a damaged page, the search continues in steps that double. A row that precedes smaller
-    numbers has a wrong number, if these follow the rows before it.
+    After a damaged page, the search continues in steps that double. The gap before the next row
+    is then searched for intact pages. A row that precedes smaller numbers has a wrong number, if
+    these follow the rows before it.
     """
     before, last, step = -1, -1, 0
     end = _last_row(database, query)
@@ -266,7 +271,7 @@ def _rows(
                     _check_order(last, number)
                     before = last
                 if step:
-                    yield from _rows_before(database, query, last, number)
+                    yield from _rows_in_gap(database, query, last, number)
                 last, step = number, 0
                 yield tuple(row)
             if end < _LAST_ROW and last + step < end - 1:
@@ -278,7 +283,7 @@ def _rows(
         else:
             break
     if step:
-        yield from _rows_before(database, query, last, end)
+        yield from _rows_in_gap(database, query, last, min(end, last + _most_rows(database)))
 
 
 def _last_row(database: sqlite3.Connection, query: str) -> int:
@@ -289,24 +294,58 @@ def _last_row(database: sqlite3.Connection, query: str) -> int:
     return _LAST_ROW
 
 
+def _most_rows(database: sqlite3.Connection) -> int:
+    """Return a number of rows that a table of short messages may have, by the size of the file."""
+    with _database_errors():
+        (pages,), (size,) = (
+            database.execute(f"PRAGMA {each}").fetchone() for each in ("page_count", "page_size")
+        )
+    return int(pages * size) // _SHORT
+
+
 def _check_order(last: int, number: int) -> None:
     """Refuse rows out of order, which a damaged table may repeat without end."""
     if number <= last:
         raise BadDataError(_DISORDER)
 
 
+def _rows_in_gap(
+    database: sqlite3.Connection, query: str, first: int, last: int
+) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows on intact pages between two numbers, of a gap that begins with damage.
+
+    It looks at `_PLACES` numbers of a longer gap. The caller has counted the damage.
+    """
+    behind = _rows_before(database, query, first, last)
+    last = behind[-1][0] if behind else last
+    stride = max(1, (last - first) // _PLACES)
+    looked = first + stride
+    while looked < last:
+        with suppress(BadDataError):
+            for number, *row in _rows_between(database, query, looked, last):
+                _check_order(looked, number)
+                if looked != first:  # rows before the place that was looked at
+                    for _, *each in reversed(_rows_before(database, query, first, number)):
+                        yield tuple(each)
+                first = looked = number
+                yield tuple(row)
+        looked += stride
+    for _, *each in reversed(behind):
+        yield tuple(each)
+
+
 def _rows_before(
     database: sqlite3.Connection, query: str, first: int, last: int
 ) -> list[tuple[Any, ...]]:
-    """Return rows back from the later of two, until a page cannot be read."""
+    """Return rows with their numbers, back from the later of two, until a page cannot be read."""
     found = []
     with suppress(BadDataError):  # the caller counts that page
         for number, *row in _rows_between(database, query, first, last, back=True):
             if not first < number < last:
                 break
             last = number
-            found.append(tuple(row))
-    return found[::-1]
+            found.append((number, *row))
+    return found
 
 
 def _rows_between(
