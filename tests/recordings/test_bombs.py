@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import functools
+import gzip
 import os
 import struct
 import subprocess
@@ -226,9 +227,9 @@ def test_huge_and_empty(tmp_path: Path, magic: bytes, salvage: bool) -> None:
     [
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 5\n", "git lfs pull"),
         (b"\x28\xb5\x2f\xfd1234", "its zstd data are damaged"),
-        (b"\x04\x22\x4d\x181234", "lz4 -d"),
+        (b"\x04\x22\x4d\x181234", "lz4 -dc"),
         (b"\x1f\x8b1234", "gzip -dc"),
-        (b"BZh91AY", "bunzip2"),
+        (b"BZh91AY", "bzip2 -dc"),
     ],
 )
 def test_other_packed_files_are_refused_by_name(tmp_path: Path, start: bytes, words: str) -> None:
@@ -236,3 +237,15 @@ def test_other_packed_files_are_refused_by_name(tmp_path: Path, start: bytes, wo
     path.write_bytes(start)
     with pytest.raises(tfdb.errors.RecordingError, match=words):
         tfdb.load(path)
+
+
+@pytest.mark.parametrize("name", ["two words.bag", "-dash.tum", "it's.mcap"])
+def test_the_command_that_unpacks_a_file_runs_in_a_shell(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(b"unpacked"))
+    for reads in (tfdb.load, tfdb.Trajectory.read):
+        with pytest.raises(tfdb.TfdbError) as caught:
+            reads(path)
+        command = str(caught.value).partition("`")[2].partition("`")[0]
+        command = command.replace("> FILE", "")
+        assert subprocess.check_output(command, shell=True, cwd=tmp_path) == b"unpacked"

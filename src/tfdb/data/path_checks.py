@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shlex
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,3 +90,8 @@ def errors_name(path: Path) -> Iterator[None]:
         if error.filename is None and error.errno is not None:
             error.filename = str(path)
         raise
+
+
+def shell_word(name: str) -> str:
+    """Return a file name as an argument in a shell, even if it has spaces or begins with a dash."""
+    return shlex.quote(f"./{name}" if name.startswith("-") else name)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 from tfdb._core import Recorded
 from tfdb.data.errors import RecordingError
 from tfdb.data.loss import Loss
-from tfdb.data.path_checks import errors_name
+from tfdb.data.path_checks import errors_name, shell_word
 
 from .raw_file import ZSTD, BadDataError, BrokenChunkError, unpack_message
 
@@ -82,11 +82,17 @@ _OTHERS = (
     (b"\x37\x7f\x06\x83", _LOG),
     (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", _LOG),
     (b"rosbag2_bagfile_information:", "the metadata of a bag folder: give the folder"),
-    (b"\x04\x22\x4d\x18", "compressed as a whole with lz4: run `lz4 -d {name}` first"),
-    (b"BZh", "compressed as a whole with bzip2: run `bunzip2 {name}` first"),
+    (
+        b"\x04\x22\x4d\x18",
+        "compressed as a whole with lz4: run `lz4 -dc {word} > FILE` first, and give FILE",
+    ),
+    (
+        b"BZh",
+        "compressed as a whole with bzip2: run `bzip2 -dc {word} > FILE` first, and give FILE",
+    ),
     (
         b"\x1f\x8b",
-        "compressed as a whole with gzip: run `gzip -dc {name} > FILE` first, and give FILE",
+        "compressed as a whole with gzip: run `gzip -dc {word} > FILE` first, and give FILE",
     ),
 )
 
@@ -430,7 +436,7 @@ def kind_of(path: Path, *, salvage: bool = False) -> Kind:
             return kind
     for magic, reason in _OTHERS:
         if start.startswith(magic):
-            raise RecordingError(path, reason.format(name=path.name))
+            raise RecordingError(path, reason.format(name=path.name, word=shell_word(path.name)))
     if path.suffix.lower() in TRAJECTORIES:
         return "trajectory"
     by_name = _BINARY.get(path.suffix.lower())

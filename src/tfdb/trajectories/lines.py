@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING
 
 from tfdb.data.errors import TrajectoryError
+from tfdb.data.path_checks import shell_word
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -90,7 +91,8 @@ class Lines:
 def _check_text(path: Path, raw: bytes) -> None:
     """Raise TrajectoryError for binary files; text may hold blocks of zero bytes."""
     if raw.startswith(b"\x1f\x8b"):
-        what = f"compressed with gzip: run `gzip -dc {path.name} > FILE` first, and give FILE"
+        word = shell_word(path.name)
+        what = f"compressed with gzip: run `gzip -dc {word} > FILE` first, and give FILE"
         raise TrajectoryError(path, None, what)
     if b"\0" not in raw:
         return
