@@ -384,6 +384,24 @@ def test_arguments_of_the_client(node: TcprosNode, caplog: pytest.LogCaptureFixt
         tf2.TransformListener(3, node)
 
 
+def test_a_lookup_that_a_message_cannot_hold(node: TcprosNode) -> None:
+    client: Any = tf2.BufferClient("/none", node=node)
+    said = r"^time .* cannot be sent: a time of ROS1 has 0 to 4294967295 seconds"
+    for stamp in (-1, (1 << 32) * S, msgs.Time(-1), msgs.Time((1 << 32) + 2)):
+        with pytest.raises(tf2.InvalidArgumentException, match=said) as caught:
+            client.lookup_transform("map", "base", stamp)
+        assert caught.value.stamp is not None
+        for times in ((stamp, 0), (0, stamp)):
+            with pytest.raises(tf2.InvalidArgumentException, match=r"_time .* cannot be sent"):
+                client.lookup_transform_full("map", times[0], "base", times[1], "map")
+    with pytest.raises(TypeError, match="target_frame must be a str, got int"):
+        client.lookup_transform(1, "base", 0)
+    with pytest.raises(TypeError, match="source_frame must be a str, got NoneType"):
+        client.can_transform("map", None, 0)
+    with pytest.raises(TypeError, match="fixed_frame must be a str, got int"):
+        client.can_transform_full("map", 0, "base", 0, 3)
+
+
 def test_messages_come_back_as_they_were() -> None:
     goal = LookupGoal("map", "bäse", 5 * S + 7, -S // 2, 9, "fixed", advanced=True)
     goal_id = GoalId(3 * S + 1, "é")

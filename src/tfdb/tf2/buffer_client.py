@@ -7,6 +7,7 @@ import threading
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from tfdb.data.argument_checks import check_name
 from tfdb.data.stamps import shown
 from tfdb.ros import node_for
 from tfdb.ros.choose_node import in_rospy
@@ -15,7 +16,7 @@ from tfdb.ros.times import SECOND, duration, nanoseconds
 
 from .buffer_interface import BufferInterface
 from .deadlines import deadline_in, wait_until
-from .exceptions import TimeoutException, TransformException
+from .exceptions import InvalidArgumentException, TimeoutException, TransformException
 from .handles import native_node
 from .lookup_action import NO_ERROR, LookupGoal, action_name, client_in, exception_of
 
@@ -41,6 +42,8 @@ NOT_SUCCEEDED = (
 )
 NO_RESULT = f"The BufferServer returned None for result! {WRONG}"
 NOT_READY = "The BufferServer is not ready."
+SENDABLE = {"ros1": (0, (1 << 32) - 1), "ros2": (-(1 << 31), (1 << 31) - 1)}
+"""The smallest and the largest seconds of a time in a message."""
 PARAMETERS = ("ns", "check_frequency", "timeout_padding")
 
 
@@ -127,9 +130,15 @@ class BufferClient(BufferInterface):
         geometry_msgs.msg.TransformStamped
             Maps points of the source into the target: p_target = T p_source.
 
-        Raises the exception of the server's lookup, or TimeoutException without an answer.
+        Raises the exception of the server's lookup, TimeoutException without an answer, or
+        InvalidArgumentException for a time that a message cannot hold.
         """
-        goal = LookupGoal(target_frame, source_frame, nanoseconds(time), self._nanoseconds(timeout))
+        goal = LookupGoal(
+            check_name("target_frame", target_frame),
+            check_name("source_frame", source_frame),
+            self._time(time, "time"),
+            self._nanoseconds(timeout),
+        )
         return self._ask(goal)
 
     def lookup_transform_full(
@@ -146,12 +155,12 @@ class BufferClient(BufferInterface):
         Otherwise as `lookup_transform`.
         """
         goal = LookupGoal(
-            target_frame,
-            source_frame,
-            nanoseconds(source_time),
+            check_name("target_frame", target_frame),
+            check_name("source_frame", source_frame),
+            self._time(source_time, "source_time"),
             self._nanoseconds(timeout),
-            nanoseconds(target_time),
-            fixed_frame,
+            self._time(target_time, "target_time"),
+            check_name("fixed_frame", fixed_frame),
             advanced=True,
         )
         return self._ask(goal)
@@ -195,6 +204,15 @@ class BufferClient(BufferInterface):
     def destroy(self) -> None:
         """Close the client."""
         self._transport.close()
+
+    def _time(self, time: Any, name: str) -> int:
+        """Return the nanoseconds of a time that a message of this ROS can hold."""
+        found = nanoseconds(time)
+        first, last = SENDABLE[self._node.flavor]
+        if not first <= found // SECOND <= last:
+            said = f"{name} {found} ns cannot be sent: a time of {self._node.flavor.upper()} has "
+            raise InvalidArgumentException(f"{said}{first} to {last} seconds", stamp=found)
+        return found
 
     def _nanoseconds(self, timeout: Any) -> int:
         return 0 if timeout is None else duration(timeout, self._node.flavor, "timeout")
