@@ -670,6 +670,38 @@ def test_a_frame_kept_for_a_local_child_goes_with_the_next_state() -> None:
     assert_same(copy, source)
 
 
+@pytest.mark.parametrize("shared", [(), ("map",)])
+def test_a_kept_frame_that_its_source_makes_again_is_read_only_again(shared: tuple[str]) -> None:
+    source, copy = tfdb.Buffer(), tfdb.Buffer()
+    source.set_transform("map", "base", 10, *pose(1))
+    copy.apply(source.commits_bytes(0), source="robot", prefix="r/", shared=shared)
+    root = "map" if shared else "r/map"
+    copy.set_static_transform(root, "sticker", *pose(2))
+    source.remove_frames("map", recursive=True)
+    source.set_transform("map", "base", 20, *pose(3))
+    copy.apply(source.commits_bytes(1), source="robot", prefix="r/", shared=shared)
+    with pytest.raises(errors.ReadOnly, match="comes from source 'robot'"):
+        copy.remove_frames(root, recursive=True)
+    assert copy.samples("r/base")[2] == [root]
+
+
+def test_normalised_quaternions_are_copied_bit_for_bit() -> None:
+    draw = np.random.default_rng(3)
+    turns = draw.normal(size=(20_000, 4))
+    turns *= (draw.uniform(0.999, 1.001, 20_000) / np.linalg.norm(turns, axis=1))[:, None]
+    source, by_commits, by_state = (tfdb.Buffer(history=None) for _ in range(3))
+    source.set_transforms(
+        [
+            tfdb.TransformStamped("map", "base", stamp, (0.0, 0.0, 0.0), tuple(turn))
+            for stamp, turn in enumerate(turns.tolist())
+        ]
+    )
+    by_commits.apply(source.commits_bytes(0))
+    by_state.apply(state_of(source))
+    for copy in (by_commits, by_state):
+        assert copy.samples("base")[1].tobytes() == source.samples("base")[1].tobytes()
+
+
 def test_two_sources_of_one_shared_edge_replace_each_other() -> None:
     robots = [tfdb.Buffer(), tfdb.Buffer()]
     fleet = tfdb.Buffer()

@@ -241,7 +241,7 @@ private:
             ids_[name] = id;
             const std::uint64_t word = source_word(id);
             const bool is_left = (word & SourceWord::kLeft) != 0 || left_.contains(id);
-            if ((SourceWord::maker(word) == 0 || is_left) && !is_shared(sample_->names[name]))
+            if (is_left || (SourceWord::maker(word) == 0 && !is_shared(sample_->names[name])))
                 found_.push_back(id);
         }
         return ids_[name];

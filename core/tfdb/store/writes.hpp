@@ -56,9 +56,9 @@ private:
 inline void fill_payload(const Pose& pose, history::NewSample<StoreMemory>& sample) {
     const geometry::Vec3& t = pose.translation;
     geometry::Quat q = pose.rotation;
-    // The norm of a unit quaternion differs from one by at most two roundings: it is stored
-    // unchanged.
-    constexpr double kRoundings = 4.5e-16;
+    // A normalised quaternion is stored unchanged, so that copies are equal bit for bit. Its
+    // computed squared norm is off by at most 14 roundings of 1.1e-16.
+    constexpr double kRoundings = 1.6e-15;
     if (std::abs(geometry::norm_squared(q) - 1.0) > kRoundings)
         q = geometry::normalized(q);
     const double numbers[7] = {t.x, t.y, t.z, q.x, q.y, q.z, q.w};
