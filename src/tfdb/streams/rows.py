@@ -49,7 +49,7 @@ class Rows:
         ]
         return Rows(*columns)
 
-    def columns(self) -> tuple[Any, ...]:
+    def columns(self) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
         """Return all columns, in the order of the fields."""
         return (
             self.parents, self.children, self.stamps, self.poses, self.statics, self.commits,
