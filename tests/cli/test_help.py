@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import re
 import shlex
 from pathlib import Path
@@ -202,8 +201,6 @@ def test_a_command_of_a_checkout_names_the_install(
     tool: Tool, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setattr(checkout_only, "installed", lambda: False)
-    module = importlib.import_module(f"tfdb.cli.{name}")
-    monkeypatch.setattr(module, "command", checkout_only.find(name, "", module.TEXT))
     shown = tool(name, "--help").out
     assert COMMANDS[name] in shown
     assert "It needs a source checkout" in shown

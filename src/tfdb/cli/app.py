@@ -20,7 +20,7 @@ from .groups import SuggestingGroup
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-# name -> (module, one line of help); a command's module is imported when the command is used.
+# name -> one line of help; a command's module is imported when the command is used.
 COMMANDS = {
     "info": "Show what a recording holds: topics, frames, edges with rates, gaps, duration.",
     "tree": "Show the frame tree with rates, gaps and publishers, now or at a given time.",
@@ -92,6 +92,8 @@ class TfdbGroup(SuggestingGroup):
         """Import the command's module and return its command."""
         if cmd_name not in COMMANDS:
             return None
+        if cmd_name in checkout_only.COMMANDS:
+            return checkout_only.find(cmd_name, COMMANDS[cmd_name])
         module = importlib.import_module(f"tfdb.cli.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
         return command

@@ -9,7 +9,11 @@ import click
 
 import tfdb
 
-COMMANDS = ("bench", "verify")
+COMMANDS = {
+    "bench": ("command", "tfdb bench --quick"),
+    "verify": ("verify_command", "tfdb verify history.jsonl --steps 20"),
+}
+"""The module of each command in `tfdb_measure`, and an example."""
 
 
 class MeasureMissing(tfdb.TfdbError):
@@ -21,18 +25,17 @@ def installed() -> bool:
     return importlib.util.find_spec("tfdb_measure") is not None
 
 
-def find(name: str, module: str, text: str) -> click.Command:
+def find(name: str, title: str) -> click.Command:
     """Import the command. If it is not installed, return one that raises `MeasureMissing`."""
-    if not installed():
-        return _without(name, text)
-    command: click.Command = importlib.import_module(f"tfdb_measure.{module}").command
-    return command
+    module, example = COMMANDS[name]
+    if installed():
+        found: click.Command = importlib.import_module(f"tfdb_measure.{module}").command
+        return found
+    needs = "It needs a source checkout that is installed as editable: pip install -e ."
 
-
-def _without(name: str, text: str) -> click.Command:
     @click.command(
         name,
-        help=text,
+        help=f"{title}\n\nExample: {example}\n\n{needs}",
         context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
     )
     def command() -> None:
