@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -100,42 +100,49 @@ def command(
     else:
         writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
         written = write_selected(inputs, writer)
-    if as_json:
-        output.emit_json("convert", body(inputs, out, written))
-        return
-    what = describe(written)
-    if frames is not None:
-        what = f"{counted(written.transforms, 'pose')} of {frames[1]} in {frames[0]}"
-    output.say_wrapped(f"{out}: {what}", out, *(frames or ()))
+    show_written("convert", inputs, out, written, frames=frames or (), as_json=as_json)
 
 
-def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path:
-    """Check the path of a recording to write."""
+def recording_writer(
+    out: str, inputs: Sequence[Path], *, compress: bool, overwrite: bool
+) -> RecordingWriter:
+    """Check the path of a recording to write, and return its writer."""
     path = check_path(out)
     if path.suffix.lower() not in RECORDINGS:
         raise click.UsageError(unknown_ending(out, RECORDINGS))
     common.check_output(out, inputs, overwrite=overwrite)
-    return path
+    return RecordingWriter(path, compress=compress, overwrite=overwrite)
 
 
-def describe(written: Written) -> str:
-    """Describe the written transforms."""
-    text = f"{counted(written.transforms, 'transform')} in {counted(written.messages, 'message')}"
-    if written.refused:
-        text += f", {counted(written.refused, 'transform')} refused"
-    return text + (f", {written.skipped:,} broken" if written.skipped else "")
-
-
-def body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
-    """Return the result as JSON."""
-    return {
-        "files": [str(path) for path in inputs],
-        "output": out,
-        "messages": written.messages,
-        "transforms": written.transforms,
-        "refused_transforms": written.refused,
-        "skipped": written.skipped,
-    }
+def show_written(
+    command: str,
+    inputs: Sequence[Path],
+    out: str,
+    written: Written,
+    *,
+    frames: Sequence[str] = (),
+    as_json: bool,
+) -> None:
+    """Print what was written: transforms, or the poses of T[frames[0]<-frames[1]]."""
+    if as_json:
+        body = {
+            "files": [str(path) for path in inputs],
+            "output": out,
+            "messages": written.messages,
+            "transforms": written.transforms,
+            "refused_transforms": written.refused,
+            "skipped": written.skipped,
+        }
+        output.emit_json(command, body)
+        return
+    if frames:
+        text = f"{counted(written.transforms, 'pose')} of {frames[1]} in {frames[0]}"
+    else:
+        transforms = counted(written.transforms, "transform")
+        text = f"{transforms} in {counted(written.messages, 'message')}"
+        text += f", {counted(written.refused, 'transform')} refused" if written.refused else ""
+        text += f", {written.skipped:,} broken" if written.skipped else ""
+    output.say_wrapped(f"{out}: {text}", out, *frames)
 
 
 def write_selected(

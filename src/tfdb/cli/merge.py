@@ -10,12 +10,11 @@ import click
 
 import tfdb
 from tfdb.recordings.open_recordings import each_once, survey_edges
-from tfdb.recordings.recording_writer import RecordingWriter
 from tfdb.recordings.rewriter import warn_of_names
 from tfdb.recordings.rewriting import Written, rewrite
 
-from . import common, layout, output
-from .convert import body, describe, recording_path
+from . import common, layout
+from .convert import recording_writer, show_written
 from .groups import SuggestingCommand
 from .selecting import selection_options
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
     from tfdb.recordings.open_recordings import OpenRecordings
     from tfdb.recordings.recording import Recording
+    from tfdb.recordings.recording_writer import RecordingWriter
     from tfdb.recordings.rewriter import Rewriter
 
 
@@ -67,13 +67,9 @@ def command(
             f"give --prefix once per FILE: got {len(prefixes)} for {len(files)} files"
         )
     inputs = common.find_paths(files)
-    path = recording_path(out, inputs, overwrite=overwrite)
-    writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
+    writer = recording_writer(out, inputs, compress=compress, overwrite=overwrite)
     written = _merge(inputs, prefixes, writer)
-    if as_json:
-        output.emit_json("merge", body(inputs, out, written))
-    else:
-        output.say_wrapped(f"{out}: {describe(written)}", out)
+    show_written("merge", inputs, out, written, as_json=as_json)
 
 
 def _merge(inputs: Sequence[Path], prefixes: Sequence[str], writer: RecordingWriter) -> Written:

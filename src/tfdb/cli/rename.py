@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import click
 
-from tfdb.recordings.recording_writer import RecordingWriter
-
-from . import common, output
-from .convert import body, describe, recording_path, write_selected
+from . import common
+from .convert import recording_writer, show_written, write_selected
 from .groups import SuggestingCommand
 from .selecting import given, selection_options
 
@@ -39,10 +37,6 @@ def command(
             "nothing to rename: give --rename FROM:=TO, --prefix TEXT or --by-namespace"
         )
     inputs = common.find_paths((file,))
-    path = recording_path(out, inputs, overwrite=overwrite)
-    writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
+    writer = recording_writer(out, inputs, compress=compress, overwrite=overwrite)
     written = write_selected(inputs, writer, strict=True)
-    if as_json:
-        output.emit_json("rename", body(inputs, out, written))
-    else:
-        output.say_wrapped(f"{out}: {describe(written)}", out)
+    show_written("rename", inputs, out, written, as_json=as_json)

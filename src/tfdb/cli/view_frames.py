@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -71,11 +71,8 @@ def command(
         with new_file(path, overwrite=overwrite) as made:
             _draw(made, dot, infos)
     if as_json:
-        body: dict[str, Any] = {
-            "files": list(loaded.names),
-            "outputs": [str(path) for path in outs],
-        }
-        body["frames"] = len(infos)
+        outputs = [str(path) for path in outs]
+        body = {"files": list(loaded.names), "outputs": outputs, "frames": len(infos)}
         output.emit_json("view-frames", body)
     else:
         output.say(f"{', '.join(map(str, outs))}: {counted(len(infos), 'frame')}")
