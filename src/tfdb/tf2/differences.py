@@ -167,9 +167,11 @@ DIFFERENCES: dict[str, Difference] = {
     ),
     "registered": Difference(
         "[1] `transform` and `convert` raise TypeException, 'if not loaded or supported', until "
-        "the package of the type is imported",
-        "types of geometry_msgs and sensor_msgs are always registered; for other types "
-        "TypeException has the text of [2], 'is not loaded or supported'",
+        "the package of the type is imported. [1] and [2] raise it for subclasses of registered "
+        "types",
+        "types of geometry_msgs and sensor_msgs are always registered. Subclasses are transformed "
+        "like their base class. For other types TypeException has the text of [2], 'is not loaded "
+        "or supported'",
         "the conversions are part of tfdb.tf2",
     ),
     "cache_time": Difference(
