@@ -11,12 +11,14 @@ import pytest
 pytest.importorskip("nanobind", reason="the stub generator comes with nanobind")
 
 ROOT = Path(__file__).resolve().parent.parent
-ALLOWED = ROOT / "tests" / "typing" / "stubtest_allowed.txt"
+SETTINGS = ROOT / "tests" / "typing"
 
 
 def test_the_stub_matches_the_extension() -> None:
     pytest.importorskip("mypy", reason="mypy compares stubs")
-    command = [sys.executable, "-m", "mypy.stubtest", "tfdb._core", "--allowlist", str(ALLOWED)]
+    command = [sys.executable, "-m", "mypy.stubtest", "tfdb._core"]
+    command += ["--allowlist", str(SETTINGS / "stubtest_allowed.txt")]
+    command += ["--mypy-config-file", str(SETTINGS / "stubtest.ini")]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
