@@ -203,7 +203,7 @@ def test_monitor_follows_a_store(tool: Tool, name: str) -> None:
     try:
         arguments = ("--every", "0.2", "--for", "0.5", "--json")
         told = lines(tool("monitor", f"shm:{name}", "map", "camera", *arguments).out)
-        assert "net delay 1" in tool("monitor", f"shm:{name}", "map", "base", "--for", "0.2").out
+        assert "net delay 1" in tool("monitor", f"shm:{name}", "map", "base", "--for", "1").out
     finally:
         over.set()
         writer.join()
@@ -213,7 +213,7 @@ def test_monitor_follows_a_store(tool: Tool, name: str) -> None:
     assert camera["static"]
     assert camera["authorities"] == ["urdf"]
     assert S <= base["delay_ns"] <= base["longest_delay_ns"]
-    assert base["messages"] > 3
+    assert max(report["frames"][0]["messages"] for report in told) > 3
     assert told[-1]["chain"]["frames"] == ["map", "base", "camera"]
     assert told[-1]["chain"]["delay_ns"] >= S
 
