@@ -300,8 +300,6 @@ private:
         return outcome;
     }
 
-    /// For a frame that was to be removed, and has children that stay.
-
     [[nodiscard]] FrameId find(std::string_view name) {
         FrameId id = kNoFrame;
         (void)needed(Workspace::find(name, id));
