@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -304,6 +305,24 @@ def test_split_files_with_a_static_transform_that_changes_are_loaded(tmp_path: P
     assert loaded.lookup_latest_transform("base", "camera").translation.tolist() == [1000, 0, 0]
     with pytest.raises(errors.MixedSources, match=r"drive_0\.mcap.*other_0\.mcap"):
         tfdb.load([files[0], record("other.mcap", 1)[0]])
+
+
+def test_log_times_keep_the_order_of_commits_if_the_clock_is_set_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system, behind = time.time_ns, [0]
+    monkeypatch.setattr(time, "time_ns", lambda: system() - behind[0])
+    buf = tfdb.Buffer()
+    path = tmp_path / "drive.mcap"
+    with tfdb.Recorder(buf, path) as recorder:
+        for x, hours in enumerate((0, 1, 0, 2)):
+            behind[0] = hours * 3600 * 10**9
+            buf.set_static_transform("base", "camera", (x, 0, 0))
+            recorder.flush()
+    times = [each.time for each in messages_of(path)]
+    assert times == sorted(times)
+    assert times[-1] - times[0] < 3600 * 10**9
+    assert tfdb.load(path).lookup_latest_transform("base", "camera").translation[0] == 3
 
 
 def test_a_time_splits_files(tmp_path: Path) -> None:

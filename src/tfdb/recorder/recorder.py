@@ -150,6 +150,7 @@ class Recorder(Closable):
         self._queued = 0
         self._flushed = self._awaited = self._last = -1
         self._splits = False  # with the next state
+        self._time, self._read_at = 0, time.monotonic_ns()  # of the last item
         self._begin()
 
     def _begin(self) -> None:
@@ -323,7 +324,16 @@ class Recorder(Closable):
         choose = None if self._names.is_all else self._names
         messages = messages_of_commits(data, self._since, choose)
         size = sum(len(each) for found in messages for each in found[1:] if each is not None)
-        return _Item(time.time_ns(), numbers_of(data)[1], messages, size)
+        return _Item(self._now(), numbers_of(data)[1], messages, size)
+
+    def _now(self) -> int:
+        """Return the system time. If its clock was set back, continue from the last time.
+
+        Readers sort messages by time, so the times of later commits must not be smaller.
+        """
+        before, self._read_at = self._read_at, time.monotonic_ns()
+        self._time = max(time.time_ns(), self._time + self._read_at - before)
+        return self._time
 
     def _fail(self, error: BaseException) -> None:
         """Keep the first error."""
