@@ -302,6 +302,19 @@ def test_a_cycle_that_a_store_refuses_has_not_arrived(tmp_path: Path) -> None:
     assert (edge.name, edge.stamps.tolist()) == ("b", [10**9, 3 * 10**9])
 
 
+def test_a_recording_without_publishers_has_no_liveliness(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    with tfdb.Recorder(buf, tmp_path / "drive.mcap") as recorder:
+        for second in range(5):
+            buf.set_transform("odom", "base", second * 10**9, (0, 0, 0), authority="ekf")
+            recorder.flush()
+    expected = Expectations(authorities=[AuthorityExpectation("ekf", 1e-9)], clock="arrival")
+    arrivals = recorded_arrivals([tmp_path / "drive.mcap"])
+    assert judge_recording(arrivals, expected) == []
+    named = dataclasses.replace(arrivals, publishers_known=True)
+    assert [each.kind for each in judge_recording(named, expected)] == ["liveliness"]
+
+
 def test_a_watched_store_is_judged_until_the_end_of_the_watch() -> None:
     arrivals = recorded_arrivals([DATA / "pr2.bag"])
     _, last = span_of(arrivals)

@@ -47,10 +47,14 @@ def recorded_arrivals(paths: Sequence[str | os.PathLike[str]]) -> Arrivals:
 
 
 def judge_recording(arrivals: Arrivals, expectations: Expectations) -> list[Event]:
-    """Evaluate a recording's transforms, from the first arrival to the last or the watch's end."""
+    """Evaluate a recording's transforms, from the first arrival to the last or the watch's end.
+
+    If the recording names no publishers, the liveliness of authorities is not judged.
+    """
     start, end = span_of(arrivals)
     judge = Judge(expectations, start)
-    return [*judge.feed(rows_of(arrivals, judge)), *judge.advance(end)]
+    events = [*judge.feed(rows_of(arrivals, judge)), *judge.advance(end)]
+    return [each for each in events if arrivals.publishers_known or each.kind != "liveliness"]
 
 
 def broken_expectations(events: Sequence[Event]) -> list[Finding]:
