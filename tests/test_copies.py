@@ -73,6 +73,22 @@ def test_a_state_replaces_all_that_its_source_had(seed: int) -> None:
         seen = position.commit
 
 
+def test_a_copy_with_a_shorter_history_is_copied_and_followed_itself() -> None:
+    source = tfdb.Buffer(history=None)
+    copy, second = tfdb.Buffer(history=10.0), tfdb.Buffer(history=10.0)
+    for stamp in (100, 50, 101, 89, 95):
+        source.set_transform("map", "base", stamp * 10**9, (stamp, 0, 0))
+    with copy.follow() as stream:
+        copy.apply(source.commits_bytes(0))
+        assert second.apply(copy.commits_bytes(0)).commit == copy.commit == 5
+        read = [stream.read_next() for _ in range(4)]
+    assert [each and each.commit for each in read] == [1, 3, 5, None]
+    assert [len(each.stored) for each in copy.changes(0)] == [1, 0, 1, 0, 1]
+    assert_same(second, copy)
+    stamps, _, _ = second.samples("base")
+    assert stamps.tolist() == [95 * 10**9, 100 * 10**9, 101 * 10**9]
+
+
 def test_samples_in_any_order_never_leave_a_gap() -> None:
     source, copy = tfdb.Buffer(), tfdb.Buffer()
     rng = random.Random(5)

@@ -427,17 +427,22 @@ private:
                 throw_owned(child, *owner);
             replace(child);
         }
+        const StampNs newest = std::max(rows.back().stamp, writer.newest());
+        // This store's history may be shorter.
+        const auto is_too_old = [&](const CommitSample::Row& row) {
+            return !edge.is_static && row.stamp < newest - store_.history;
+        };
+        if (is_too_old(rows.back()))
+            return;  // a touched frame has a sample
         commit_->set_author(author);
         (void)commit_->touch(child);
         auto& samples = store_.samples;
         auto& items = store_.members;
         samples.clear();
         items.clear();
-        const StampNs newest = std::max(rows.back().stamp, writer.newest());
         for (std::size_t i = 0; i < rows.size(); ++i) {
             const CommitSample::Row& row = rows[i];
-            // This store's history may be shorter.
-            if (!edge.is_static && row.stamp < newest - store_.history)
+            if (is_too_old(row))
                 continue;
             history::NewSample<StoreMemory> sample;
             sample.stamp = edge.is_static ? history::kStaticStamp : row.stamp;
