@@ -79,7 +79,7 @@ void raise_ended_wait(const Store& store, WaitEnd end) {
     detail.path = path;
     detail.reason = "removed";
     throw NoSuchStore(
-        "the store " + memory::named(path) + " was removed during the wait, which may never end",
+        "the store " + memory::named(path) + " was removed: no other process can open it",
         std::move(detail));
 }
 

@@ -106,7 +106,7 @@ class Index:
     def notes(self) -> tuple[str, ...]:
         """Remarks on the file."""
         text = f"{counted(self.lost, 'commit')} were lost when it was recorded"
-        return (f"{text}: they came faster than the disk took them",) if self.lost else ()
+        return (f"{text}: the recorder did not keep up",) if self.lost else ()
 
     def learn(self, kind: int, data: bytes) -> None:
         """Add a schema, channel, chunk index, statistics or metadata record."""
