@@ -186,6 +186,28 @@ def test_our_client_gets_debians_answers(
     client.destroy()
 
 
+def test_a_destroyed_client_ends_its_lookups(node: TcprosNode, buffer: tf2.Buffer) -> None:
+    ended: list[str] = []
+    with tf2.BufferServer(buffer, SERVER, node=node):
+        client = tf2.BufferClient(SERVER, node=node)
+        assert client.wait_for_server(msgs.Duration(20))
+
+        def look_up() -> None:
+            try:
+                client.lookup_transform("map", "arm", 9 * S, msgs.Duration(300))
+            except tf2.TransformException as error:
+                ended.append(str(error))
+
+        waiting = threading.Thread(target=look_up)
+        waiting.start()
+        until(lambda: bool(client._transport._waiting), "a lookup that waits")
+        client.destroy()
+        waiting.join(SECONDS)
+        look_up()
+        assert ended == 2 * ["The BufferClient is destroyed: make another."]
+        assert not client.wait_for_server()
+
+
 def test_our_client_in_rospy_and_our_server(node: TcprosNode, buffer: tf2.Buffer) -> None:
     child = RospyChild(node._master.uri, "asking", sys.executable, SCRIPT)
     with tf2.BufferServer(buffer, SERVER, node=node):

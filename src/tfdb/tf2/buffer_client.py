@@ -42,6 +42,7 @@ NOT_SUCCEEDED = (
 )
 NO_RESULT = f"The BufferServer returned None for result! {WRONG}"
 NOT_READY = "The BufferServer is not ready."
+DESTROYED = "The BufferClient is destroyed: make another."
 SENDABLE = {"ros1": (0, (1 << 32) - 1), "ros2": (-(1 << 31), (1 << 31) - 1)}
 """The smallest and the largest seconds of a time in a message."""
 PARAMETERS = ("ns", "check_frequency", "timeout_padding")
@@ -89,6 +90,7 @@ class BufferClient(BufferInterface):
         """The argument of this name."""
         self._ns = action_name(arguments["ns"])
         self._transport = client_in(self._node, self._ns)
+        self._is_destroyed = False
         if self._node.flavor == "ros2":
             self.action_client: Any = self._transport.native
             """In a node of rclpy: rclpy's ActionClient."""
@@ -202,7 +204,8 @@ class BufferClient(BufferInterface):
         return (True, "") if return_debug_tuple else True
 
     def destroy(self) -> None:
-        """Close the client."""
+        """Close the client. Lookups that wait, and later ones, raise TransformException."""
+        self._is_destroyed = True
         self._transport.close()
 
     def _time(self, time: Any, name: str) -> int:
@@ -225,6 +228,7 @@ class BufferClient(BufferInterface):
         limit = goal.timeout + self._padding
         deadline = self._deadline(limit) if limit > 0 else None
         if not self._wait_ready(deadline):
+            self._check_open(goal)
             text = LATE if self._node.flavor == "ros1" else NOT_READY
             raise TimeoutException(text, target=goal.target_frame, source=goal.source_frame)
         over = threading.Event()
@@ -242,13 +246,22 @@ class BufferClient(BufferInterface):
         finally:
             watch.close()
             sent.forget()
+        self._check_open(goal)
         if not results:
             raise TimeoutException(LATE, target=goal.target_frame, source=goal.source_frame)
         return _transform_of(results[0])
 
+    def _check_open(self, goal: LookupGoal) -> None:
+        if self._is_destroyed:
+            raise TransformException(DESTROYED, target=goal.target_frame, source=goal.source_frame)
+
     def _wait_ready(self, deadline: Deadline | None) -> bool:
-        while not self._transport.is_ready():
-            if self._node.closed or (deadline is not None and deadline.left() == 0):
+        while self._is_destroyed or not self._transport.is_ready():
+            if (
+                self._is_destroyed
+                or self._node.closed
+                or (deadline is not None and deadline.left() == 0)
+            ):
                 return False
             self._transport.wait_ready(LOOK_AGAIN)
         return True

@@ -165,7 +165,7 @@ class ClientTransport(Protocol):
         """Send a goal; call `on_result` with its result, or with None if it ended without one."""
 
     def close(self) -> None:
-        """Close the topics."""
+        """Cancel the goals, which end without a result, and close the topics."""
 
 
 def server_in(node: Node, ns: str) -> ServerTransport:

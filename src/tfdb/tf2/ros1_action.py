@@ -212,7 +212,7 @@ class _SentGoal:
 
     def forget(self) -> None:
         """Stop waiting for its result, and cancel it at the server."""
-        self._client.forget(self._goal_id)
+        self._client.forget(self._goal_id.id)
 
 
 class Ros1Client:
@@ -256,15 +256,19 @@ class Ros1Client:
         self._goals.publish(encode_goal(self._node.now(), goal_id, goal))
         return _SentGoal(self, goal_id)
 
-    def forget(self, goal_id: GoalId) -> None:
-        """Stop waiting for a goal's result, and cancel it at the server."""
+    def forget(self, goal_id: str) -> Callable[[LookupResult | None], None] | None:
+        """Stop waiting for a goal's result, and cancel it at the server. Return its callback."""
         with self._changed:
-            waited = self._waiting.pop(goal_id.id, None)
+            waited = self._waiting.pop(goal_id, None)
         if waited is not None and not self._node.closed:
-            self._cancels.publish(encode_goal_id(GoalId(0, goal_id.id)))
+            self._cancels.publish(encode_goal_id(GoalId(0, goal_id)))
+        return waited
 
     def close(self) -> None:
-        """Close the topics."""
+        """Cancel the goals, and close the topics."""
+        for goal_id in tuple(self._waiting):
+            if (on_result := self.forget(goal_id)) is not None:
+                on_result(None)
         for opened in (self._statuses, self._results, self._cancels, self._goals):
             opened.close()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration, Time
@@ -132,13 +133,27 @@ class _SentGoal:
         self._handle: Any = None
         self._lock = threading.Lock()
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether its result has not come, and is waited for."""
+        return self._on_result is not None
+
     def forget(self) -> None:
         """Stop waiting for the result, and cancel the goal at the server."""
+        self._cancel()
+
+    def end(self) -> None:
+        """Cancel the goal at the server; it ends without a result."""
+        if (on_result := self._cancel()) is not None:
+            on_result(None)
+
+    def _cancel(self) -> Callable[[LookupResult | None], None] | None:
         with self._lock:
-            waited, self._on_result = self._on_result, None
+            on_result, self._on_result = self._on_result, None
             handle = self._handle
-        if waited is not None and handle is not None:
+        if on_result is not None and handle is not None:
             handle.cancel_goal_async()
+        return on_result
 
     def answered(self, future: Any) -> None:
         """Process the server's response to the goal."""
@@ -148,7 +163,7 @@ class _SentGoal:
             return
         with self._lock:
             self._handle = handle
-            is_wanted = self._on_result is not None
+            is_wanted = self.is_wanted
         if is_wanted:
             handle.get_result_async().add_done_callback(self._ended)
         else:
@@ -183,6 +198,7 @@ class Ros2Client:
         )
         self.native: Any = self._client
         self._opened = node.adopt(self._client.destroy)
+        self._sent: WeakSet[_SentGoal] = WeakSet()
         self._never = threading.Event()
 
     def is_ready(self) -> bool:
@@ -198,9 +214,16 @@ class Ros2Client:
     def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _SentGoal:
         """Send a goal; call `on_result` with its result, or with None if it ended without one."""
         message, sent = _goal_of(goal), _SentGoal(on_result)
+        self._sent.add(sent)
 
         def send() -> None:
-            self._client.send_goal_async(message).add_done_callback(sent.answered)
+            try:
+                future = self._client.send_goal_async(message)
+            except (rclpy_implementation.RCLError, InvalidHandle):
+                if sent.is_wanted:
+                    raise
+                return  # the client was destroyed before
+            future.add_done_callback(sent.answered)
 
         executor = self._node.executor
         if executor is None:
@@ -211,7 +234,9 @@ class Ros2Client:
         return sent
 
     def close(self) -> None:
-        """Destroy the client."""
+        """Cancel the goals, and destroy the client."""
+        for sent in list(self._sent):
+            sent.end()
         self._opened.close()
 
 

@@ -101,6 +101,21 @@ def test_a_goal_waits_for_the_commit_that_answers_it(graph: Graph, buffer: tf2.B
     client.destroy()
 
 
+def test_a_destroyed_client_ends_its_lookups(graph: Graph, buffer: tf2.Buffer) -> None:
+    with tf2.BufferServer(buffer, NAME, node=graph.node("serving", spin=True)):
+        client = tf2.BufferClient(graph.node("asking", spin=True), NAME)
+        assert client.wait_for_server(Duration(seconds=20))
+        asked = ("base", "frame0", Time(seconds=150), Duration(seconds=300))
+        with ThreadPoolExecutor() as other:
+            waiting = other.submit(client.lookup_transform, *asked)
+            until(lambda: len(client._transport._sent) > 0)
+            client.destroy()
+            for ended in (waiting.result, lambda: client.lookup_transform(*asked)):
+                with pytest.raises(tf2.TransformException, match="BufferClient is destroyed"):
+                    ended()
+        assert not client.wait_for_server()
+
+
 def test_our_client_asks_as_tf2s(graph: Graph, buffer: tf2.Buffer) -> None:
     server = tf2.BufferServer(buffer, NAME, node=graph.node("serving", spin=True))
     client = tf2.BufferClient(graph.node("asking", spin=True), NAME, 20.0, Duration(seconds=10))
