@@ -228,6 +228,8 @@ def test_errors(tool: Tool, bag: Path, names: tuple[str, str]) -> None:
         assert "got 'tcp/127.0.0.1': tcp/HOST:PORT is valid" in text
         text = tool(*command, "--connect", "tpc/127.0.0.1:7447", code=2).err
         assert "did you mean 'tcp'?" in text
+    with pytest.raises(tfdb.errors.NoSuchStore):  # the mirror made no store
+        tfdb.Buffer.open(names[1], create=False)
     text = tool("mirror", "r*", "--into", names[1], "--connect", endpoint, code=2).err
     assert "'r*' is not a valid namespace" in text
     text = tool("publish", bag, "--as", "r*", "--connect", endpoint, code=2).err

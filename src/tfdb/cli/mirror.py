@@ -75,7 +75,6 @@ def command(
     began = time.monotonic()
     check_network_name(name)
     store = into.removeprefix(STORE)
-    buffer = open_store(store, history)
 
     def missing(text: str) -> None:
         show_event("mirror", Event(time.time_ns(), name, "absent", text), as_json=as_json)
@@ -83,7 +82,12 @@ def command(
     with (
         connected(connect, listen, config, missing) as session,
         mirror(
-            name, into=buffer, prefix=prefix, shared=shared, max_lag=max_lag, session=session
+            name,
+            into=open_store(store, history),
+            prefix=prefix,
+            shared=shared,
+            max_lag=max_lag,
+            session=session,
         ) as following,
     ):
         if not as_json:
