@@ -169,6 +169,18 @@ def test_a_chunk_holds_whole_commits(tmp_path: Path) -> None:
         list(tfdb.recorded_commits(part))
 
 
+def test_a_removed_file_ends_the_recording_at_its_next_flush(tmp_path: Path) -> None:
+    buf = tfdb.Buffer()
+    recorder = tfdb.Recorder(buf, tmp_path / "drive.mcap")
+    buf.set_transform("map", "base", 1, *STILL)
+    (tmp_path / "drive.mcap.part").unlink()
+    with pytest.raises(errors.RecordingError, match=r"drive\.mcap\.part.*was removed"):
+        recorder.flush()
+    with pytest.raises(errors.RecordingError, match="was removed"):
+        recorder.close()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_frames_exclude_and_rename(tmp_path: Path) -> None:
     buf = tfdb.Buffer()
     buf.set_static_transform("base", "camera", (1, 0, 0), authority="urdf")

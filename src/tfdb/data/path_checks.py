@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shlex
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -94,4 +93,6 @@ def errors_name(path: Path) -> Iterator[None]:
 
 def shell_word(name: str) -> str:
     """Return a file name as an argument in a shell, even if it has spaces or begins with a dash."""
+    import shlex  # noqa: PLC0415 - only for the text of an error
+
     return shlex.quote(f"./{name}" if name.startswith("-") else name)

@@ -60,6 +60,10 @@ class _Disk:
         os.ftruncate(self._descriptor, size)
 
     @property
+    def is_removed(self) -> bool:
+        return os.fstat(self._descriptor).st_nlink == 0
+
+    @property
     def is_open(self) -> bool:
         return self._descriptor >= 0
 
@@ -71,7 +75,8 @@ class _Disk:
 class McapFile:
     """Threads: one. Raises `OSError`; afterwards it can only be abandoned.
 
-    Raises `RecordingError` if a file of this name, or of the name with `.part`, exists.
+    Raises `RecordingError` if a file of this name, or of the name with `.part`, exists, or if the
+    file was removed.
     """
 
     def __init__(self, path: Path, folder: Path, *, sync: bool) -> None:
@@ -150,6 +155,8 @@ class McapFile:
 
     def flush(self) -> None:
         """End the chunk, and pass it to the system; with `sync`, sync it to the disk."""
+        if self._disk.is_removed:
+            raise RecordingError(self.part, "the file was removed, so its commits are lost")
         with errors_name(self.part):
             self._writer.flush()
             if self._sync:

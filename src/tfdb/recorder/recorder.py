@@ -223,8 +223,8 @@ class Recorder(Closable):
     def close(self) -> None:
         """Record all earlier commits, and end the file.
 
-        Raises the error that ended the recording: OSError of the disk, or an error of the buffer.
-        The file has all commits up to the error.
+        Raises the error that ended the recording: OSError of the disk, RecordingError if the file
+        was removed, or an error of the buffer. A file that exists has all commits up to the error.
         """
         if os.getpid() != self._process:
             return  # a child of `fork` records nothing
