@@ -61,8 +61,8 @@ class Buffer(Freezable, _core.NativeBuffer):
     snapshot_memory
         Largest size in bytes to which the store grows to keep held snapshots readable.
     clock
-        Function that returns the time in nanoseconds, for `max_age=` of lookups and for
-        expectations. None: the store's clock, which a player may set.
+        Function that returns the time in nanoseconds, for expectations and for `max_age=` of
+        `lookup_latest_transform`. None: the store's clock, which a player may set.
     concurrency
         Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
         The others are research engines for comparison: `giant` (one mutex for everything),
@@ -386,7 +386,8 @@ class Buffer(Freezable, _core.NativeBuffer):
             In place of frames: (target, source). The stream returns the result of
             `lookup_transform` without a stamp, each time a commit changes it.
         since
-            None: commits from now on. A commit number: later commits, as far as the feed reaches.
+            None: commits from now on. A commit number: later commits. The feed keeps the
+            last 16,384 commits or fewer; from an older number the read raises FeedLapped.
             `"held"`: all samples of the newest state, then those of later commits, without a gap.
         hold
             Hold a snapshot of the stream's position, so that no sample is dropped before it is

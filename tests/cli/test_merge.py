@@ -216,6 +216,7 @@ def test_rename(tool: Tool, tmp_path: Path, bag: Path) -> None:
     ("arguments", "words"),
     [
         ((), "nothing to rename"),
+        (("--exclude", "odom"), "'tfdb convert' writes a part of a recording"),
         (("--rename", "mapp:=world"), "did you mean 'map'?"),
         (("--rename", "map=world"), "FROM:=TO"),
         (("--rename", "map:=odom"), "would both be called 'odom'"),

@@ -4,6 +4,7 @@ import copy
 import math
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -196,6 +197,16 @@ def test_bad_states_store_nothing(state: dict[str, npt.ArrayLike], reason: str) 
     with pytest.raises(tfdb.InvalidArgument, match=reason):
         model.set_joint_states(buffer, [5, 6], state)
     assert buffer.commit == 0
+
+
+def test_a_joint_state_that_is_not_a_mapping_stores_nothing() -> None:
+    model, buf = parse_urdf(ARM), tfdb.Buffer()
+    wrong: Any = [0.5]
+    with pytest.raises(tfdb.InvalidArgument, match=r"must map joint names to .*, got \[0.5\]"):
+        model.set_joint_state(buf, tfdb.stamp("1"), wrong)
+    with pytest.raises(tfdb.InvalidArgument, match="must map joint names to positions"):
+        model.set_joint_states(buf, [tfdb.stamp("1")], wrong)
+    assert buf.commit == 0
 
 
 def test_bad_stamps_store_nothing() -> None:

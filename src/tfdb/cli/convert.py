@@ -59,6 +59,8 @@ def command(
 
     Example: tfdb convert drive.bag drive.mcap
 
+    Example of a part: tfdb convert drive.bag part.bag --start +2 --end +5 --exclude 'l_*'
+
     For viewers, write an .rrd for Rerun, or an .mcap with --foxglove for Foxglove.
 
     Between recordings each message keeps its topic, its receive time and, if OUT can hold it, its

@@ -34,7 +34,8 @@ def command(
     """
     if not given().keys() & {"rename", "prefix", "by_namespace"}:
         raise click.UsageError(
-            "nothing to rename: give --rename FROM:=TO, --prefix TEXT or --by-namespace"
+            "nothing to rename: give --rename FROM:=TO, --prefix TEXT or --by-namespace; "
+            "'tfdb convert' writes a part of a recording under the same names"
         )
     inputs = common.find_paths((file,))
     writer = recording_writer(out, inputs, compress=compress, overwrite=overwrite)

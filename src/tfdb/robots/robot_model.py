@@ -192,7 +192,8 @@ class RobotModel:
         Raises
         ------
         InvalidArgument
-            An unknown or fixed joint, a position of the wrong shape or not finite.
+            An unknown or fixed joint, a position of the wrong shape or not finite, or a joint state
+            that is not a mapping.
         """
         moving = self._moving(positions)
         shape = np.broadcast_shapes(*(poses.shape for poses in moving.values()), (7,))
@@ -246,6 +247,8 @@ class RobotModel:
     ) -> int:
         """Store the edges that a joint state determines, in one commit; returns its number.
 
+        `positions` maps joint names to positions at the stamp (nanoseconds).
+
         Raises `InvalidArgument` as `forward_kinematics`, and the errors of `Buffer.set_transforms`;
         then nothing was stored.
         """
@@ -291,6 +294,11 @@ class RobotModel:
 
     def _moving(self, positions: Mapping[str, npt.ArrayLike]) -> dict[str, Array]:
         """Return poses (7,) or (N, 7) of the joints that a state determines, in model order."""
+        if not isinstance(positions, Mapping):
+            raise InvalidArgument(
+                f"a joint state must map joint names to positions, got {shown(positions)}",
+                value=positions,
+            )
         given: dict[str, Array] = {}
         for name, position in positions.items():
             joint = self.joints.get(name)
@@ -313,7 +321,10 @@ class RobotModel:
         return {name: poses[name] for name in self.joints if name in poses}
 
     def follow(self, name: str, given: Mapping[str, Any]) -> Any:
-        """Return the position of a joint, its own or from its leaders; None if unknown."""
+        """Return the position of a joint: as given, or computed from the joint that it mimics.
+
+        None if neither is given.
+        """
         scale, offset = 1.0, 0.0
         while name not in given:
             joint = self.joints[name]

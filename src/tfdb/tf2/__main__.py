@@ -11,7 +11,8 @@ from .installing import install
 USAGE = """usage: python -m tfdb.tf2 [-m MODULE | PROGRAM] [ARGUMENTS]
 
 Run a Python program unchanged, with tfdb in place of tf2_py, tf2_ros, tf2_geometry_msgs,
-tf2_sensor_msgs, tf2_kdl and tf.
+tf2_sensor_msgs, tf2_kdl and tf. Without ROS, tfdb also provides the message packages, such as
+geometry_msgs, and rclpy.time and rclpy.duration. Nodes of rospy and rclpy need that ROS.
 """
 
 
