@@ -91,9 +91,9 @@ test-cpp: $(STAMPS)/install
 	$(TREE)/bin/torture_store_apply --seconds 3
 	$(TREE)/bin/torture_store_damage --seconds 6
 
-# One process more than cores: many tests wait for other processes.
+# Two processes more than cores: many tests wait for other processes.
 test-python: $(STAMPS)/dev
-	$(BIN)/python -m pytest -n $$(($(JOBS) + 1)) --dist loadfile --max-worker-restart 0 $(PYTEST)
+	$(BIN)/python -m pytest -n $$(($(JOBS) + 2)) --dist loadfile --max-worker-restart 0 $(PYTEST)
 
 # Every program there is; `make test` then finds them built. Warnings are errors if the environment of
 # the installation had TFDB_WERROR=ON, as in CI.
