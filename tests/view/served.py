@@ -38,9 +38,11 @@ class Served:
     def base(self) -> str:
         return self.address.partition("?")[0]
 
-    def get(self, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    def get(
+        self, path: str, method: str = "GET", **headers: str
+    ) -> tuple[int, dict[str, str], bytes]:
         """Get a path, with headers in place of its own."""
-        request = Request(self.base + path.removeprefix("/"), headers=headers)
+        request = Request(self.base + path.removeprefix("/"), headers=headers, method=method)
         try:
             with urlopen(request, timeout=PATIENCE) as response:
                 return response.status, dict(response.headers), response.read()

@@ -507,6 +507,13 @@ def test_the_files_are_a_fixed_table(served: Served) -> None:
         assert served.get(name)[0] == 404, name
 
 
+@pytest.mark.parametrize("method", ["HEAD", "POST", "PUT", "DELETE", "OPTIONS"])
+@pytest.mark.parametrize("path", ["/", "/metrics", "/live"])
+def test_other_methods_than_get_are_refused(served: Served, path: str, method: str) -> None:
+    status, headers, _ = served.get(path, method)
+    assert (status, headers["Allow"]) == (405, "GET")
+
+
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", ""])
 def test_a_foreign_host_is_refused(served: Served, host: str) -> None:
     assert served.get("/", Host=host)[0] == 403

@@ -398,6 +398,11 @@ class Server:
 
     def _respond(self, _connection: ServerConnection, request: Request) -> Response | None:
         """Answer plain HTTP requests; None: continue with the handshake of a WebSocket."""
+        # Before version 17, websockets itself refuses other methods.
+        if getattr(request, "method", "GET") != "GET":
+            response = _text(http.HTTPStatus.METHOD_NOT_ALLOWED, "the page answers GET alone")
+            response.headers["Allow"] = "GET"
+            return response
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         path, _, query = request.path.partition("?")
         if len(hosts) != 1 or not self._is_host(hosts[0]):
