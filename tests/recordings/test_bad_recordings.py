@@ -47,6 +47,12 @@ def test_no_recording(tmp_path: Path, name: str) -> None:
     refuse(path, "old version 1")
 
 
+def test_a_robot_model_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text('<robot name="arm"><link name="base"/></robot>\n')
+    refuse(path, "a robot model, not a recording: give it beside a recording with joint states")
+
+
 def test_missing_files(tmp_path: Path) -> None:
     buffer = tfdb.Buffer()
     with pytest.raises(FileNotFoundError) as caught:

@@ -439,6 +439,12 @@ def kind_of(path: Path, *, salvage: bool = False) -> Kind:
             raise RecordingError(path, reason.format(name=path.name, word=shell_word(path.name)))
     if path.suffix.lower() in TRAJECTORIES:
         return "trajectory"
+    if path.suffix.lower() == ".urdf":
+        raise RecordingError(
+            path,
+            "a robot model, not a recording: give it beside a recording with joint states (urdf=, "
+            "--urdf), or read it with tfdb.robots.load_urdf",
+        )
     by_name = _BINARY.get(path.suffix.lower())
     if salvage and by_name is not None and b"\0" in start:
         return by_name
