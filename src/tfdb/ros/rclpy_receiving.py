@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import weakref
 from contextlib import ExitStack, suppress
-from time import monotonic
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 from uuid import uuid4
 
@@ -46,6 +46,10 @@ _NOT_AS_EXPECTED: Final = (AttributeError, ImportError, TypeError, ValueError)
 _WARN_EVERY: Final = 1.0
 # Name of the receiving threads.
 _LISTENER: Final = "tfdb listener"
+_BUSY: Final = 0.005
+"""Seconds of work without a wait after which the thread pauses. Between two of its short waits no
+other thread may get the interpreter lock, for seconds."""
+_PAUSE: Final = 0.0001
 
 
 class GraphEntity:
@@ -412,7 +416,8 @@ class ThreadReceiver(NodeThread):
             wait_set = self._new_wait_set(len(topics))
             # Some topics may have received a message before this wait.
             ready = list(topics)
-            warn_at = monotonic() + _WARN_EVERY
+            worked_from = monotonic()
+            warn_at = worked_from + _WARN_EVERY
             while topics is self._topics and self._is_running():
                 for topic in ready:
                     topic.take_all()
@@ -421,9 +426,16 @@ class ThreadReceiver(NodeThread):
                     topic.add_to(wait_set)
                 wait_set.add_guard_condition(self._bell.handle)
                 # Waiting for the events of topics as well would need a fifth more CPU.
+                waits_from = monotonic()
                 wait_set.wait(int(_WARN_EVERY * 1e9))
                 ready = [topic for topic in topics if topic.is_ready(wait_set)]
-                if monotonic() >= warn_at:
+                now = monotonic()
+                if now - waits_from > _PAUSE:
+                    worked_from = now
+                elif now - worked_from > _BUSY:
+                    sleep(_PAUSE)
+                    worked_from = monotonic()
+                if now >= warn_at:
                     warn_at += _WARN_EVERY
                     for topic in topics:
                         topic.warn()

@@ -205,7 +205,7 @@ def test_a_process_ends_while_it_listens(how: str) -> None:
         assert child.stdout.readline() == "listening\n"
         if how in {"interrupted", "kept"}:
             child.send_signal(signal.SIGINT)
-        out, err = child.communicate(timeout=120)
+        out, err = child.communicate(timeout=30)
     expected = {"returns": 0, "raises": 1, "sys.exit": 3, "interrupted": 0, "kept": 0}[how]
     assert child.returncode == expected, out + err
     assert ("closed True" in out) == (how in {"interrupted", "kept"}), out + err
