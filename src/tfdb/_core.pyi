@@ -1959,7 +1959,7 @@ class Clock:
     The clock of a store. `Buffer.clock` returns it.
 
     It shows the system's time until it is set. All processes that have a shared store open share one
-    clock: if one sets it, the sleeps of all react. `max_age=` of lookups uses it. A player (`tfdb
+    clock: if one sets it, the sleeps of all react. `max_age=` of `lookup_latest_transform` uses it. A player (`tfdb
     play`) sets it.
 
     A process that may not write to the store's control file sees the system's clock. So does every

@@ -193,8 +193,8 @@ class Stream(StreamRows, Cursor["Sample"]):
     def read_back(self, n: int = 1) -> Sample | None:
         """Read the sample `n` places before the last one read.
 
-        It can go back as far as the feed reaches, but not to samples from before the start of a
-        stream with `since="held"`.
+        It can go back over the commits that the store still lists, but not to samples from before
+        the start of a stream with `since="held"`.
 
         Parameters
         ----------
