@@ -256,15 +256,13 @@ class BufferClient(BufferInterface):
             raise TransformException(DESTROYED, target=goal.target_frame, source=goal.source_frame)
 
     def _wait_ready(self, deadline: Deadline | None) -> bool:
-        while self._is_destroyed or not self._transport.is_ready():
-            if (
-                self._is_destroyed
-                or self._node.closed
-                or (deadline is not None and deadline.left() == 0)
-            ):
+        while not self._is_destroyed:
+            if self._transport.is_ready():
+                return True
+            if self._node.closed or (deadline is not None and deadline.left() == 0):
                 return False
             self._transport.wait_ready(LOOK_AGAIN)
-        return True
+        return False
 
 
 def _arguments(given: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:
