@@ -136,7 +136,7 @@ bool
 Raises
 ------
 InvalidStamp, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
-removed meanwhile))";
+removed))";
 
 constexpr const char* kSleepDoc = R"(Sleep for a number of seconds of this clock.
 

@@ -281,7 +281,7 @@ PyMethodDef g_wait_method = {
     "Raises\n------\n"
     "At the end of the timeout the error of `lookup_transform`, with the length of the wait;\n"
     "InvalidName at once for an invalid name; BufferClosed (`close` was called meanwhile),\n"
-    "NoSuchStore (the shared store was removed meanwhile), TransactionActive, NotSupported (a\n"
+    "NoSuchStore (the shared store was removed), TransactionActive, NotSupported (a\n"
     "research engine; or this process may not write to the control file of the\n"
     "store), InvalidArgument"};
 

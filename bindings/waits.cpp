@@ -232,7 +232,7 @@ int
 Raises
 ------
 WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the shared store was
-removed meanwhile), TransactionActive, NotSupported (a research engine; or the store
+removed), TransactionActive, NotSupported (a research engine; or the store
 is frozen; or this process may not write to its control file), InvalidArgument)");
     bind_begun_waits(type);
     bind_closing(type);

@@ -223,7 +223,7 @@ FeedLapped
 InvalidArgument
     The commit does not exist yet.
 WatchClosed, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
-removed meanwhile), Forked (in a child of the process that made the watch), TransactionActive)";
+removed), Forked (in a child of the process that made the watch), TransactionActive)";
 
 }  // namespace
 

@@ -1077,7 +1077,7 @@ class NativeBuffer(StoreReader):
         ------
         At the end of the timeout the error of `lookup_transform`, with the length of the wait;
         InvalidName at once for an invalid name; BufferClosed (`close` was called meanwhile),
-        NoSuchStore (the shared store was removed meanwhile), TransactionActive, NotSupported (a
+        NoSuchStore (the shared store was removed), TransactionActive, NotSupported (a
         research engine; or this process may not write to the control file of the
         store), InvalidArgument
         """
@@ -1103,7 +1103,7 @@ class NativeBuffer(StoreReader):
         Raises
         ------
         WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the shared store was
-        removed meanwhile), TransactionActive, NotSupported (a research engine; or the store
+        removed), TransactionActive, NotSupported (a research engine; or the store
         is frozen; or this process may not write to its control file), InvalidArgument
         """
 
@@ -1928,7 +1928,7 @@ class Watch:
         InvalidArgument
             The commit does not exist yet.
         WatchClosed, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
-        removed meanwhile), Forked (in a child of the process that made the watch), TransactionActive
+        removed), Forked (in a child of the process that made the watch), TransactionActive
         """
 
     def close(self) -> None:
@@ -2015,7 +2015,7 @@ class Clock:
         Raises
         ------
         InvalidStamp, BufferClosed (also if `close` was called meanwhile), NoSuchStore (the shared store was
-        removed meanwhile)
+        removed)
         """
 
     def seek(self, stamp: tfdb.types.StampLike) -> None:

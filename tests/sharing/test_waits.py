@@ -74,8 +74,11 @@ def test_waiting_processes_may_be_killed(name: str) -> None:
 
 
 def test_the_removal_of_a_store_ends_the_waits_that_are_under_way(name: str) -> None:
-    buf = tfdb.Buffer.open(name)
-    with Child("wait_for", name, 1) as waiter, Child("wait_for", name, 1) as other:
+    with (
+        tfdb.Buffer.open(name),
+        Child("wait_for", name, 1) as waiter,
+        Child("wait_for", name, 1) as other,
+    ):
         for process in (waiter, other):
             assert process.says() == "waits for 0"
             process.wait_until_asleep()
@@ -83,9 +86,32 @@ def test_the_removal_of_a_store_ends_the_waits_that_are_under_way(name: str) -> 
         for process in (waiter, other):
             assert process.says() == f"NoSuchStore /dev/shm/tfdb.{name}"
             assert process.end() == 0
-    call = Call(lambda: buf.wait_for_commit(0, LONG))
+
+
+def test_a_wait_that_starts_after_the_removal_ends_at_once(name: str) -> None:
+    buf = tfdb.Buffer.open(name)
     put(buf, "a", 0)
-    assert call.result() == 1
+    watch = buf.watch("a")
+    tfdb.Buffer.unlink(name)
+    for wait in (
+        lambda: buf.wait_for_commit(1, LONG),
+        lambda: buf.wait_for_commit(1, 0),
+        lambda: buf.wait_for_transform("map", "a", 5, LONG),
+        lambda: buf.lookup_transform("map", "b", timeout=LONG),
+        lambda: asyncio.run(buf.wait_for_commit_async(1, LONG)),
+        lambda: asyncio.run(buf.wait_for_transform_async("map", "a", 5, LONG)),
+        lambda: watch.next(1, LONG),
+        lambda: buf.clock.sleep(LONG),
+    ):
+        with pytest.raises(tfdb.errors.NoSuchStore, match="was removed"):
+            wait()
+    # Calls that need not wait succeed after the removal as before it.
+    assert watch.next(1, 0) == []
+    put(buf, "a", 5)
+    assert buf.wait_for_commit(1, LONG) == 2
+    assert buf.wait_for_transform("map", "a", 5, LONG).stamp == 5
+    assert [touch.commit for touch in watch.next(1, LONG)] == [2]
+    assert buf.clock.sleep_until(0, LONG)
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")

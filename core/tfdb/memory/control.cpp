@@ -169,7 +169,7 @@ bool Control::is_of(const Mapping& mapping, std::uint64_t id) noexcept {
 }
 
 void Control::notify_removal(const Mapping& mapping) noexcept {
-    word_of(mapping, kRemovalsWord).fetch_add(1);
+    word_of(mapping, kRemovedWord).store_release(1);
     sync::EventCount(word_of(mapping, kCommitEventWord)).notify();
     sync::EventCount(word_of(mapping, kClockEventWord)).notify();
 }

@@ -62,8 +62,8 @@ public:
 
     /// The word on which waits for a commit sleep: see sync::EventCount.
     [[nodiscard]] sync::Word& commit_event() const noexcept { return word(kCommitEventWord); }
-    /// How often a process with write permission here has removed the store.
-    [[nodiscard]] sync::Word& removals() const noexcept { return word(kRemovalsWord); }
+    /// Whether a process with write permission here has removed the store.
+    [[nodiscard]] bool removed() const noexcept { return word(kRemovedWord).load_acquire() != 0; }
 
     static constexpr unsigned kClockWords = 9;
     /// The setting of the store's clock, and the word on which its sleepers sleep.
@@ -90,7 +90,7 @@ public:
 
 private:
     static constexpr unsigned kCommitEventWord = 6;
-    static constexpr unsigned kRemovalsWord = 7;
+    static constexpr unsigned kRemovedWord = 7;
     static constexpr unsigned kClockEventWord = 8;
     static constexpr unsigned kClockWord = 9;
 

@@ -566,7 +566,7 @@ public:
 
     /// Waits until the question has an answer; a later write may remove it again. False: no answer
     /// came within the timeout (none: unlimited), or `stop_waits` was called. Throws BufferClosed
-    /// (`end_waits` was called), NoSuchStore (the store was removed meanwhile), InvalidName,
+    /// (`end_waits` was called), NoSuchStore (the store was removed), InvalidName,
     /// TransactionActive, and the exceptions of an Interruption. Throws NotSupported in research
     /// engines, and if this process may not write to the store's control file.
     [[nodiscard]] bool wait_for(const Question& question,

@@ -95,18 +95,17 @@ bool Clock::sleep_until(StampNs stamp, std::optional<std::int64_t> timeout_ns,
                         std::optional<std::uint64_t> settings) const {
     const store::Deadline deadline(timeout_ns);
     sync::EventCount event(store_->clock_event);
-    const std::uint64_t removals = store_->removals();
     for (;;) {
         const std::uint64_t armed = event.arm();
         if (store_->waits_ended.load_acquire() != 0)
             store::raise_ended_wait(*store_, WaitEnd::kClosed);
-        if (store_->removals() != removals)
-            store::raise_ended_wait(*store_, WaitEnd::kRemoved);
         if (settings && this->settings() != *settings)
             return false;
         const std::int64_t left = left_until(stamp, setting());
         if (left <= 0)
             return true;
+        if (store_->removed())
+            store::raise_ended_wait(*store_, WaitEnd::kRemoved);
         const std::int64_t longest = std::min(deadline.left(), kLongestSleepNs);
         if (longest <= 0)
             return false;

@@ -44,7 +44,7 @@ public:
 
     /// Sleeps until the clock shows the stamp or a later one. False: it did not within the timeout,
     /// real nanoseconds (none: unlimited), or the clock was set more than `settings` times. Throws
-    /// BufferClosed (`Buffer::end_waits`), NoSuchStore (the store was removed meanwhile), and the
+    /// BufferClosed (`Buffer::end_waits`), NoSuchStore (the store was removed), and the
     /// exceptions of an Interruption.
     [[nodiscard]] bool sleep_until(StampNs stamp, std::optional<std::int64_t> timeout_ns,
                                    std::optional<std::uint64_t> settings = std::nullopt) const;

@@ -170,10 +170,8 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     void forked() noexcept override;
     /// Of this process, created on first use.
     [[nodiscard]] Waits& waits() const;
-    /// How often the store was removed, according to its control file.
-    [[nodiscard]] std::uint64_t removals() const {
-        return has_control() ? shared->control->removals().load_acquire() : 0;
-    }
+    /// Whether the store was removed, according to its control file.
+    [[nodiscard]] bool removed() const { return has_control() && shared->control->removed(); }
     [[nodiscard]] bool has_control() const {
         return shared != nullptr && shared->control != nullptr;
     }

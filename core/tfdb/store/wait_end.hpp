@@ -8,9 +8,10 @@ namespace tfdb {
 enum class WaitEnd : std::uint8_t {
     kCame,      // the awaited answer or commit arrived
     kTimedOut,  // it did not arrive in time
-    kClosed,    // waits have been ended
-    kRemoved,   // the store's name was removed meanwhile
-    kStopped,   // waits were stopped: as kTimedOut, but at once
+    // Of the ends of all waits, an earlier one replaces a later one.
+    kClosed,   // waits have been ended
+    kRemoved,  // the store was removed
+    kStopped,  // waits were stopped: as kTimedOut, but at once
 };
 
 struct EndedWait {

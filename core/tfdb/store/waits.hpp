@@ -188,12 +188,10 @@ public:
         group_.notify();
     }
 
-    /// Ends all current and future waits, as kClosed or kStopped. The first kClosed is final.
+    /// Ends all current and future waits, as kClosed or kStopped.
     void close(WaitEnd how) {
         const Locked locked(group_);
         look();  // earlier commits count
-        if (closed_ != WaitEnd::kClosed)
-            closed_ = how;
         end_all(how);
         if (ends_waiter_ != nullptr)
             group_.end(*ends_waiter_);
@@ -300,10 +298,13 @@ private:
         return !wait.looks.empty();
     }
     void begin_looking() {
-        if (!looks_.empty())
-            return;
-        seen_ = store_.committed();
-        seen_removals_ = store_.removals();
+        heed_removal();
+        if (looks_.empty())
+            seen_ = store_.committed();
+    }
+    void heed_removal() noexcept {
+        if (store_.removed() && closed_ != WaitEnd::kRemoved)
+            end_all(WaitEnd::kRemoved);
     }
     void remove(Wait& wait) noexcept {
         unlink(wait.looks);
@@ -370,7 +371,9 @@ private:
         if (ends_waiter_ != nullptr)
             group_.end(*ends_waiter_);
     }
+    /// Ends all current and future waits. A later call changes how only to a stronger end.
     void end_all(WaitEnd how) noexcept {
+        closed_ = std::min(closed_.value_or(how), how);
         while (!looks_.empty())
             end(*looks_.begin()->second->wait, how);
     }
@@ -420,10 +423,7 @@ private:
 
     /// Checks the commits since the last look.
     void look() {
-        if (const std::uint64_t now = store_.removals(); now != seen_removals_) {
-            seen_removals_ = now;
-            end_all(WaitEnd::kRemoved);
-        }
+        heed_removal();
         const CommitNumber newest = store_.committed();
         if (newest != seen_ && !looks_.empty()) {
             collect_touched(newest);
@@ -486,8 +486,7 @@ private:
     // All of these require the group's lock.
     std::unordered_map<FrameId, Look*> looks_;  // the first wait of each frame; no list is empty
     CommitNumber seen_ = 0;                     // changes up to this commit have been checked
-    std::uint64_t seen_removals_ = 0;
-    std::optional<WaitEnd> closed_{};  // how every wait ends from now on
+    std::optional<WaitEnd> closed_{};           // how every wait ends from now on
     std::uint64_t last_number_ = 0;
     std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;
     std::vector<EndedWait> ended_;

@@ -58,7 +58,7 @@ struct WatchedStore : forest::Forest<WatchMemory<Log2>> {
     [[nodiscard]] CommitNumber committed() const {
         return this->word(graph::kCommit).load_acquire();
     }
-    [[nodiscard]] static std::uint64_t removals() { return 0; }
+    [[nodiscard]] static bool removed() { return false; }
 
     void commit(const Step& step, std::size_t number) {
         forest::ForestLock lock(this->word(graph::kCommitLock));
