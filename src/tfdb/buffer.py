@@ -639,7 +639,9 @@ class Buffer(Freezable, _core.NativeBuffer):
 
     @staticmethod
     def unlink(name: Name) -> None:
-        """Remove a store. Processes that have it open can still use it; the last one frees it.
+        """Remove a store. The last process that has it open frees it.
+
+        Until then such processes can read and write, but their waits raise NoSuchStore.
 
         Parameters
         ----------
