@@ -155,6 +155,10 @@ void bind_begun_waits(BufferClass& type) {
     type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
              nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),
              "Begin a wait for a commit with a greater number.");
+    type.def_prop_ro(
+        "_last_to_follow", [](BufferObject& self) { return self.open_store().last_to_follow(); },
+        nb::sig("def _last_to_follow(self) -> int"),
+        "The newest commit for a follower: none after the removal of the store was noticed.");
     type.def("_cancel_wait", &cancel_wait, nb::arg("number"),
              nb::sig("def _cancel_wait(self, number: int) -> bool"),
              "Cancel a wait. Returns False if it has ended before.");

@@ -1121,6 +1121,12 @@ class NativeBuffer(StoreReader):
     def _begin_wait_for_commit(self, after: int) -> int:
         """Begin a wait for a commit with a greater number."""
 
+    @property
+    def _last_to_follow(self) -> int:
+        """
+        The newest commit for a follower: none after the removal of the store was noticed.
+        """
+
     def _cancel_wait(self, number: int) -> bool:
         """Cancel a wait. Returns False if it has ended before."""
 

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 STOPPED = Path(__file__).with_name("stopped.py")
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 LONGEST = 120.0  # seconds until a hanging command is killed
+TURN = (0.0, 0.6, 0.0, 0.8)
 
 WRITES = {
     "compare": "compare POSES POSES --save OUT.png",
@@ -293,3 +295,52 @@ except tfdb_command.Stopped as stopped:
         check=True,
     )
     assert done.stdout == "whole\nended by SIGINT\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["record", "{name}", "-o", "{folder}/drive.mcap"],
+        ["echo", "shm:{name}", "map", "base", "-r", "20"],
+        ["monitor", "shm:{name}"],
+        ["change-notifier", "shm:{name}", "--pair", "map", "base"],
+        ["view", "shm:{name}", "--no-open", "--port", "0"],
+    ],
+    ids=lambda command: str(command[0]),
+)
+@pytest.mark.parametrize("writes", [False, True], ids=["at rest", "with a writer"])
+def test_the_removal_of_a_store_ends_a_command(
+    command: list[str], writes: bool, name: str, tmp_path: Path
+) -> None:
+    arguments = [each.format(name=name, folder=tmp_path) for each in command]
+    ended = threading.Event()
+
+    def write(store: tfdb.Buffer) -> None:
+        while not ended.wait(0.0005):
+            store.set_transform("map", "base", store.clock.now(), (store.commit, 2, 3), TURN)
+
+    with tfdb.Buffer.open(name) as store:
+        store.set_transform("map", "base", store.clock.now(), (1, 2, 3), TURN)
+        writer = threading.Thread(target=write, args=(store,))
+        if writes:
+            writer.start()
+        try:
+            with subprocess.Popen(
+                [sys.executable, "-m", "tfdb.cli", *arguments],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            ) as process:
+                assert process.stdout is not None
+                assert process.stdout.readline()
+                tfdb.Buffer.unlink(name)
+                try:
+                    error = process.communicate(timeout=LONGEST)[1]
+                finally:
+                    process.kill()
+        finally:
+            ended.set()
+            if writes:
+                writer.join()
+    assert process.returncode == 2
+    assert f"the store '{name}' was removed" in error

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+from collections import deque
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -14,6 +16,9 @@ from tests.another_thread import Call
 from . import child
 from .child import Child
 from .wait_cycles import COROUTINES, THREADS, wait_cycles
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 LONG = 60.0
 
@@ -105,13 +110,72 @@ def test_a_wait_that_starts_after_the_removal_ends_at_once(name: str) -> None:
     ):
         with pytest.raises(tfdb.errors.NoSuchStore, match="was removed"):
             wait()
-    # Calls that need not wait succeed after the removal as before it.
-    assert watch.next(1, 0) == []
+    # Reads continue, but commits after the removal was noticed are for no follower.
     put(buf, "a", 5)
-    assert buf.wait_for_commit(1, LONG) == 2
     assert buf.wait_for_transform("map", "a", 5, LONG).stamp == 5
-    assert [touch.commit for touch in watch.next(1, LONG)] == [2]
     assert buf.clock.sleep_until(0, LONG)
+    assert watch.next(1, 0) == []
+    with pytest.raises(tfdb.errors.NoSuchStore, match="was removed"):
+        buf.wait_for_commit(1, LONG)
+    assert buf.wait_for_commit(0, LONG) == 2
+
+
+def by_waits(buf: tfdb.Buffer) -> Callable[[], object]:
+    commit = buf.commit
+
+    def step() -> None:
+        nonlocal commit
+        commit = buf.wait_for_commit(commit, LONG)
+
+    return step
+
+
+def by_coroutines(buf: tfdb.Buffer) -> Callable[[], object]:
+    commit = buf.commit
+
+    def step() -> None:
+        nonlocal commit
+        commit = asyncio.run(buf.wait_for_commit_async(commit, LONG))
+
+    return step
+
+
+def by_watch(buf: tfdb.Buffer) -> Callable[[], object]:
+    watch, commit = buf.watch("a"), buf.commit
+
+    def step() -> None:
+        nonlocal commit
+        commit = watch.next(commit, LONG)[-1].commit
+
+    return step
+
+
+FOLLOWERS = {
+    "waits": by_waits,
+    "coroutines": by_coroutines,
+    "a watch": by_watch,
+    "samples": lambda buf: buf.follow().__next__,
+    "samples of a frame": lambda buf: buf.follow("a").__next__,
+    "batches": lambda buf: buf.follow().batches().__next__,
+    "changes": lambda buf: buf.follow().changes().__next__,
+    "a pair": lambda buf: buf.follow(pair=("map", "a")).__next__,
+}
+
+
+@pytest.mark.parametrize("follower", FOLLOWERS)
+def test_followers_of_a_removed_store_end_although_another_writes(name: str, follower: str) -> None:
+    with tfdb.Buffer.open(name) as buf, tfdb.Buffer.open(name) as writer:
+        put(writer, "a", 0)
+        step = FOLLOWERS[follower](buf)
+        tfdb.Buffer.unlink(name)
+
+        def write_and_step(stamp: int) -> None:
+            put(writer, "a", stamp)
+            put(writer, "b", stamp)
+            step()
+
+        with pytest.raises(tfdb.errors.NoSuchStore, match="was removed"):
+            deque(map(write_and_step, range(1, 10)), maxlen=0)
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")

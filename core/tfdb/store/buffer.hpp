@@ -571,9 +571,12 @@ public:
     /// engines, and if this process may not write to the store's control file.
     [[nodiscard]] bool wait_for(const Question& question,
                                 std::optional<std::int64_t> timeout_ns) const;
-    /// The same for a commit with a greater number.
+    /// The same for a commit with a greater number, up to `last_to_follow`.
     [[nodiscard]] bool wait_for_commit(CommitNumber after,
                                        std::optional<std::int64_t> timeout_ns) const;
+    /// The newest commit for a follower. After the store's removal it is the newest one at the time
+    /// when this process noticed the removal, even if others still write.
+    [[nodiscard]] CommitNumber last_to_follow() const;
     /// The non-blocking form, for event loops: one thread blocks in `ended_waits` for all waits.
     /// Returns the wait's number; 0: the answer already exists.
     [[nodiscard]] std::uint64_t begin_wait(const Question& question) const;

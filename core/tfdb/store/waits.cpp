@@ -1,5 +1,6 @@
 #include "tfdb/store/waits.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include "tfdb/base/error.hpp"
@@ -40,7 +41,7 @@ void check_can_wait(const store::Store& store) {
 /// Whether a later commit exists, even if waits are not supported.
 bool is_there(const store::Store& store, CommitNumber after) {
     check_can_wait(store);
-    return store.committed() > after;
+    return !store.removed() && store.committed() > after;
 }
 
 bool came(const store::Store& store, WaitEnd end) {
@@ -93,6 +94,11 @@ bool Buffer::wait_for(const Question& question, std::optional<std::int64_t> time
 bool Buffer::wait_for_commit(CommitNumber after, std::optional<std::int64_t> timeout_ns) const {
     return is_there(*store_, after) ||
            came(*store_, store::waits_of(*store_).wait(after, store::Deadline(timeout_ns)));
+}
+
+CommitNumber Buffer::last_to_follow() const {
+    const CommitNumber newest = store_->committed();
+    return store_->removed() ? std::min(newest, store_->waits().last()) : newest;
 }
 
 std::uint64_t Buffer::begin_wait(const Question& question) const {

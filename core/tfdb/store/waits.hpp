@@ -145,7 +145,8 @@ public:
         // No commit after the first number, up to the second, touched its looks.
         CommitNumber quiet_after = 0;
         CommitNumber quiet_until = 0;
-        std::uint64_t wakeups = 0;  // for `sleep`
+        std::uint64_t wakeups = 0;    // for `sleep`
+        CommitNumber last = kNewest;  // see `last`
     };
     /// Sets the frames that a watch looks at: sorted, without duplicates; kBirths and kCommits are
     /// allowed. If they differ from before, its threads wake as if they had been touched.
@@ -154,9 +155,9 @@ public:
         if (watch.closed->load_acquire() != 0)
             return {};
         begin_looking();
-        Looked looked{watch.quiet_after, watch.quiet_until.value_or(seen_), watch.wakeups};
+        Looked looked{watch.quiet_after, watch.quiet_until.value_or(seen_), watch.wakeups, last_};
         if (enter(watch, frames)) {
-            looked = {0, 0, ++watch.wakeups};
+            looked = {0, 0, ++watch.wakeups, last_};
             wake(watch, WaitEnd::kCame);
             group_.notify();
             watch.quiet_after = seen_;
@@ -186,6 +187,14 @@ public:
         remove(watch);
         wake(watch, WaitEnd::kCame);
         group_.notify();
+    }
+
+    /// The last commit that waits and watches report. After the store's removal: the newest one at
+    /// the time when this process noticed it, so that followers end although others still write.
+    [[nodiscard]] CommitNumber last() {
+        const Locked locked(group_);
+        heed_removal();
+        return last_;
     }
 
     /// Ends all current and future waits, as kClosed or kStopped.
@@ -303,8 +312,10 @@ private:
             seen_ = store_.committed();
     }
     void heed_removal() noexcept {
-        if (store_.removed() && closed_ != WaitEnd::kRemoved)
-            end_all(WaitEnd::kRemoved);
+        if (!store_.removed() || last_ != kNewest)
+            return;
+        last_ = store_.committed();
+        end_all(WaitEnd::kRemoved);
     }
     void remove(Wait& wait) noexcept {
         unlink(wait.looks);
@@ -379,7 +390,7 @@ private:
     }
     bool is_answered(Wait& wait) {
         if (wait.after)
-            return store_.committed() > *wait.after;
+            return std::min(store_.committed(), last_) > *wait.after;
         Failure failure;
         const Question& question = wait.question;
         if (!ask(store_, kNewest, wait.question, answer_, failure))
@@ -486,6 +497,7 @@ private:
     // All of these require the group's lock.
     std::unordered_map<FrameId, Look*> looks_;  // the first wait of each frame; no list is empty
     CommitNumber seen_ = 0;                     // changes up to this commit have been checked
+    CommitNumber last_ = kNewest;               // see `last`
     std::optional<WaitEnd> closed_{};           // how every wait ends from now on
     std::uint64_t last_number_ = 0;
     std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;

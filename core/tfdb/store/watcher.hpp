@@ -54,9 +54,9 @@ private:
     using Word = typename Store::Word;
     using Lock = typename Store::WaitGroup::Lock;
 
-    /// The commits after `after` that touched a subject. If there are none, the waits check for all
-    /// frames that the next one may touch, since before the feed was read. `wakeups`: for
-    /// `Waits::sleep`.
+    /// The commits after `after`, up to `Waits::last`, that touched a subject. If there are none,
+    /// the waits check for all frames that the next one may touch, since before the feed was read.
+    /// `wakeups`: for `Waits::sleep`.
     [[nodiscard]] std::vector<Touch> read(CommitNumber after, std::size_t limit,
                                           std::uint64_t& wakeups) {
         const std::lock_guard<Lock> guard(lock_);
@@ -64,7 +64,11 @@ private:
         const auto looked = waits_.look_at(wait_, touches_.frames());
         touches_.skip(looked.quiet_after, looked.quiet_until);
         wakeups = looked.wakeups;
-        return touches_.read(limit);
+        if (after >= looked.last)
+            return {};
+        std::vector<Touch> touched = touches_.read(limit);
+        std::erase_if(touched, [&](const Touch& touch) { return touch.commit > looked.last; });
+        return touched;
     }
 
     const Store& store_;

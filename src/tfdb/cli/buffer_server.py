@@ -56,4 +56,3 @@ def command(*, where: str, store: str | None, action: str, cache_time: int, as_j
             origin = "" if store is None else f" from {STORE}{store.removeprefix(STORE)}"
             output.say_wrapped(f"{where} as {live.node_name}, {action}{origin}; Ctrl-C ends it")
         live.sleep(math.inf)
-        live.check()

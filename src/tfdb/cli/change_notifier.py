@@ -114,7 +114,6 @@ def _follow(live: Live, pairs: Sequence[Pair], told: Told, rate: float, topic: s
         if moved and publisher is not None and live.node is not None:
             _publish(live.node, publisher, moved)
         live.sleep(next_look)
-        live.check()
         live.wait(math.inf)
 
 

@@ -13,13 +13,14 @@ import os
 import re
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 import tfdb
+from tfdb.data.errors import NotSupported
 from tfdb.data.time_text import format_duration
 from tfdb.store.given_clock import given_clock
 from tfdb.store.shared import path_of
@@ -41,6 +42,8 @@ _NODE_NAME = "tfdb.node_name"
 _SECONDS = "tfdb.seconds"
 LISTENS = 5 * NS
 """Default time of listening to a graph, as in tf2's view_frames."""
+_LOOK = 1.0
+"""Seconds between two checks for the end of the node or the store."""
 _AGAIN = 0.5
 """Seconds between two attempts to join a missing graph."""
 _GRAPH = re.compile(r"(ros1|ros2(?:\+(zenoh|dds))?)(?::(.*))?", re.DOTALL)
@@ -159,14 +162,19 @@ class Live:
         return True
 
     def sleep(self, until: float) -> None:
-        """Wait until a monotonic time, or for the end of the graph's node."""
-        left = until - time.monotonic()
-        self.ended.wait(None if math.isinf(left) else max(left, 0.0))
+        """Wait until a monotonic time. Raises as `check`."""
+        self.check()
+        while (left := until - time.monotonic()) > 0:
+            self.ended.wait(min(left, _LOOK))
+            self.check()
 
     def check(self) -> None:
-        """Raise NodeClosed if the graph's node has ended."""
+        """Raise NodeClosed if the graph's node has ended, NoSuchStore if the store was removed."""
         if self.node is not None and self.ended.is_set():
             wait_for_end(self.node, self.ended)
+        # A reader without write permission cannot wait, and then a removal goes unnoticed.
+        with suppress(tfdb.WaitTimeout, NotSupported):
+            self.store.wait_for_commit(self.store.commit, 0)
 
 
 @contextmanager

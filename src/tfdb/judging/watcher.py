@@ -68,9 +68,7 @@ class _Source:
         self._woken.set()
         old = self._watch
         with suppress(TfdbError):  # if this thread must not make one, the other thread does
-            self._watch = (
-                self._new_watch()
-            )  # before the old one ends, so that a removed store is noticed
+            self._watch = self._new_watch()
         old.close()
 
     def wait(self, until: float) -> bool:

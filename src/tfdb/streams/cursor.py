@@ -183,7 +183,7 @@ class Cursor(Reader[Item]):
 
         It reads under a snapshot of the position, if the stream holds one.
         """
-        while (newest := self._buffer.commit) > self._position:
+        while (newest := self._buffer._last_to_follow) > self._position:
             taken = None if self._held is None else self._buffer.snapshot()
             try:
                 if not (

@@ -239,8 +239,8 @@ class Server:
             timeout = _LOOK
         elif self._viewers and self._has_news():
             timeout = model.rest
-        newest = model.store.commit
-        if newest != after:
+        newest = model.store._last_to_follow
+        if newest > after:
             return newest
         try:
             await model.store.wait_for_commit_async(after, timeout)
