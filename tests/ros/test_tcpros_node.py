@@ -346,6 +346,61 @@ def test_closing_unregisters_everything(ros1: str) -> None:
         node.serve("~x", "tf2_msgs/FrameGraph", bytes)
 
 
+LEAVES = """
+import threading
+from tfdb import tf2
+from tfdb.ros.tcpros_node import TcprosNode
+
+node = TcprosNode("leaves", arguments=[])
+buffer = tf2.Buffer(node=node)
+began = threading.Event()
+
+
+def look_up():
+    began.set()
+    try:
+        buffer.lookup_transform("map", "never", tf2.msgs.Time(0), timeout=1000.0)
+    except tf2.TransformException as error:
+        print(type(error).__name__, flush=True)
+
+
+threading.Thread(target=look_up).start()
+began.wait()
+"""
+
+
+def test_a_process_ends_although_its_thread_waits(ros1: str) -> None:
+    child = subprocess.run(
+        [sys.executable, "-c", LEAVES], capture_output=True, text=True, timeout=SECONDS, check=False
+    )
+    assert (child.returncode, child.stderr) == (0, "")
+    assert child.stdout == "LookupException\n"
+    with xmlrpc.client.ServerProxy(ros1) as master:
+        assert "/leaves" not in str(master.getSystemState("/test"))
+
+
+FORKS = """
+import os, sys, xmlrpc.client
+from tfdb.ros.tcpros_node import TcprosNode
+
+node = TcprosNode("forks", arguments=[])
+node.advertise("out", "tf2_msgs/TFMessage")
+child = os.fork()
+if child == 0:
+    sys.exit(7)
+_, status = os.waitpid(child, 0)
+with xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"]) as master:
+    print(os.waitstatus_to_exitcode(status), "/forks" in str(master.getSystemState("/test")))
+"""
+
+
+def test_the_end_of_a_forked_child_leaves_the_node_registered(ros1: str) -> None:
+    child = subprocess.run(
+        [sys.executable, "-c", FORKS], capture_output=True, text=True, timeout=SECONDS, check=False
+    )
+    assert (child.stdout, child.stderr) == ("7 True\n", "")
+
+
 def test_one_topic_has_one_type_in_a_node(node: TcprosNode) -> None:
     node.subscribe("mixed", TF, Heard())
     node.subscribe("mixed", "tf/tfMessage", Heard())

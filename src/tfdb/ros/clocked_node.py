@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
+import weakref
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
     from .node import Subscription
 
-__all__ = ["ClockedNode"]
+__all__ = ["ClockedNode", "open_nodes"]
 
 
 class ClockedNode(Closable, ABC):
@@ -29,6 +31,7 @@ class ClockedNode(Closable, ABC):
         self._simulated = simulated
         self._now = 0
         self._clock_listeners: list[_ClockListener] = []
+        self._process = os.getpid()
 
     @property
     @abstractmethod
@@ -88,3 +91,17 @@ class _ClockListener:
         with self._node._lock:
             if self in self._node._clock_listeners:
                 self._node._clock_listeners.remove(self)
+
+
+open_nodes: weakref.WeakSet[ClockedNode] = weakref.WeakSet()
+"""The nodes that are closed when the process ends."""
+
+
+def _close_all() -> None:
+    for node in list(open_nodes):
+        node.close()
+
+
+# A process waits at its end for Python threads, such as those of a node, before `atexit` functions
+# run.
+threading._register_atexit(_close_all)  # type: ignore[attr-defined]

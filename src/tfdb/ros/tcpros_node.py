@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import os
 import threading
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tfdb.data.errors import InvalidArgument, MasterRefused, NodeClosed, NoMaster
 
 from .clock_messages import CLOCK, CLOCK_KIND, decode_clock
-from .clocked_node import ClockedNode
+from .clocked_node import ClockedNode, open_nodes
 from .loop import LOG, Loop
 from .master import Master
 from .message_kinds import Kind, kind_of, known_kind, service_kind
@@ -83,7 +82,7 @@ class TcprosNode(ClockedNode):
         """URI for calls of the master and other nodes."""
         self._service_uri = f"rosrpc://{names.host}:{self._server.port}"
         self._loop.start()
-        atexit.register(self.close)
+        open_nodes.add(self)
         if self._simulated:
             self._take_clock()
 
@@ -213,8 +212,11 @@ class TcprosNode(ClockedNode):
             subscribed = dict(self._subscribed)
             advertised = dict(self._advertised)
             served = dict(self._served)
-        atexit.unregister(self.close)
+        open_nodes.discard(self)
         self._report_clock()  # callbacks of topics may wait for the node's end
+        if os.getpid() != self._process:
+            self._ended.set()
+            return  # a child of `fork` has no threads of the node, and its parent stays registered
         self._unregister(subscribed, advertised, served)
         for topic in subscribed.values():
             topic.close(LAST_CALLBACKS_SECONDS)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import threading
-import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from tfdb.data.errors import InvalidArgument, NodeClosed, NotSupported
 
 from .clock_messages import CLOCK, CLOCK_KIND, decode_clock
-from .clocked_node import ClockedNode
+from .clocked_node import ClockedNode, open_nodes
 from .loop import warn_of_message
 from .ros2_names import kind_of
 
@@ -85,8 +84,7 @@ class WireNode(ClockedNode):
         self._names, self._link = names, link
         self._opened: set[_Entity] = set()
         self._ended = False
-        self._process = os.getpid()
-        _OPEN.add(self)
+        open_nodes.add(self)
         if self._simulated:
             try:
                 self.subscribe(CLOCK, CLOCK_KIND, self._take_clock, depth=1)
@@ -176,7 +174,7 @@ class WireNode(ClockedNode):
                 return
             self._ended = True
             opened, self._opened = self._opened, set()
-        _OPEN.discard(self)
+        open_nodes.discard(self)
         self._report_clock()  # callbacks of topics may wait for the node's end
         if os.getpid() != self._process:
             return  # a child of `fork` has no threads of the link
@@ -237,19 +235,6 @@ class _Publisher(_Entity):
         """Close the publisher, after a message that another thread is sending."""
         with self._lock:
             super().close()
-
-
-_OPEN: weakref.WeakSet[WireNode] = weakref.WeakSet()
-
-
-def _close_all() -> None:
-    for node in list(_OPEN):
-        node.close()
-
-
-# A process waits at its end for Python threads, such as those of a link, before `atexit` functions
-# run.
-threading._register_atexit(_close_all)  # type: ignore[attr-defined]
 
 
 def _refuse_profile(qos: Any) -> None:
