@@ -133,7 +133,7 @@ def command(
     def serve(model: Model) -> None:
         server = Server(model, host=host, port=port, names=names, shapes=shapes)
         try:
-            _run(server.run(ready))
+            _run(lambda: server.run(ready))
         except OSError as error:
             raise _no_port(host, port, error) from error
 
@@ -191,24 +191,31 @@ def _serve_foxglove(file: str, host: str, port: int, ready: Callable[[str], None
             raise _no_port(host, port, error) from error
 
 
-def _run(serving: Coroutine[Any, Any, None]) -> None:
+def _run(serve: Callable[[], Coroutine[Any, Any, None]]) -> None:
     """Run until a signal. Its handler runs after the loop: within a task it would be printed."""
     handlers = {number: signal.getsignal(number) for number in _SIGNALS}
     came: list[int] = []
 
+    def take(number: int, _: object) -> None:
+        came.append(number)
+
     async def main() -> None:
-        task = asyncio.create_task(serving)
+        task = asyncio.create_task(serve())
 
         def end(number: int) -> None:
             came.append(number)
             task.cancel()
 
-        for number, handler in handlers.items():
-            if callable(handler):
-                asyncio.get_running_loop().add_signal_handler(number, end, number)
+        for number in heard:
+            asyncio.get_running_loop().add_signal_handler(number, end, number)
+        if came:
+            task.cancel()
         await task
 
+    heard = [number for number, handler in handlers.items() if callable(handler)]
     try:
+        for number in heard:  # an exception would leave a loop that is half made
+            signal.signal(number, take)
         asyncio.run(main())
     except asyncio.CancelledError:
         if not came:
