@@ -304,6 +304,42 @@ def test_poses_at_stamps(tool: Tool, mcap: Path, tmp_path: Path) -> None:
     assert np.allclose(rows, path.poses[[5, 3, 60]], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("a.tum", ()),
+        ("a.csv", ()),
+        ("a.npz", ()),
+        ("a.parquet", ()),
+        ("a.txt", ("--format", "kitti")),
+        ("a.txt", ("--format", "euroc")),
+    ],
+)
+def test_poses_at_unsorted_stamps_are_not_written(
+    tool: Tool, bag: Path, tmp_path: Path, name: str, options: tuple[str, ...]
+) -> None:
+    file, out = tmp_path / "stamps", tmp_path / name
+    file.write_text("1795240383.5\n1795240385.25\n1795240382\n")
+    arguments = ("poses", bag, "map", "base_link", "--at", file)
+    said = tool(*arguments, "-o", out, *options, code=2).error
+    assert said == (
+        f"{file}: stamp 1795240382 s follows 1795240385.25 s, but the stamps of {out} must "
+        "increase: sort the stamps"
+    )
+    assert list(tmp_path.iterdir()) == [file]
+    body = tool(*arguments, "--json").json
+    assert body["start_ns"] == 1795240382 * 10**9
+    assert body["end_ns"] == 1795240385_250000000
+
+
+def test_poses_at_repeated_stamps(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    file = tmp_path / "stamps"
+    file.write_text("1795240383.5\n1795240383.5\n")
+    arguments = ("poses", bag, "map", "base_link", "--at", file, "-o")
+    assert "2 poses" in tool(*arguments, tmp_path / "a.tum").out
+    assert "give each stamp once" in tool(*arguments, tmp_path / "a.npz", code=2).error
+
+
 def test_stamps_of_a_file_that_is_not_text(tool: Tool, mcap: Path, tmp_path: Path) -> None:
     file = tmp_path / "stamps.npz"
     np.savez_compressed(file, stamps=np.arange(9))

@@ -177,12 +177,15 @@ def test_refusals(tool: Tool, folder: Path, bag: Path) -> None:
     assert "do not apply to trajectory files" in said
     said = tool("compare", truth, slam, "--offset", "guess", code=2).error
     assert "write seconds" in said
-    assert "no time in common" in tool("compare", truth, slam, "--offset", "500", code=2).error
+    said = tool("compare", truth, slam, "--offset", "500", code=2).error
+    assert "no time in common" in said
+    assert "(--offset SECONDS), or offset='estimate' (--offset estimate)" in said
     body = tool(
         "compare", truth, slam, "--delta", "1e6", "--delta-unit", "m", "--json", code=2
     ).json
     assert body["error"]["type"] == "NotComparable"
     assert body["error"]["fields"]["reason"] == "no pairs"
+    assert "(--all-pairs) a larger delta_tolerance (--delta-tolerance)" in body["error"]["message"]
 
 
 def test_kitti_row_by_row(tool: Tool, tmp_path: Path) -> None:

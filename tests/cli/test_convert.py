@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.recordings import Recording
+from tfdb.recordings import Recording, RecordingWriter
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -156,6 +156,10 @@ def test_poses_replace_nothing_unasked(tool: Tool, mcap: Path, tmp_path: Path) -
     ("arguments", "words"),
     [
         (("out.doc",), "must end in .bag"),
+        (
+            ("out.kitti", "--frames", "map", "odom"),
+            "give --format kitti and a name that ends in .txt, such as ",
+        ),
         (("out.tum",), "--frames TARGET SOURCE"),
         (("out.bag", "--frames", "map", "odom"), "--frames TARGET SOURCE"),
         (("out.bag", "--topic", "/none"), "/tf_static"),
@@ -168,3 +172,15 @@ def test_refused(
     out, *options = arguments
     assert words in tool("convert", mcap, tmp_path / out, *options, code=2).error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_of_a_trajectory(tool: Tool, tmp_path: Path) -> None:
+    path, bag = tmp_path / "k00.tum", tmp_path / "few.bag"
+    path.write_text("1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n")
+    assert "2 poses of body in world" in tool("convert", path, tmp_path / "k00.csv").out
+    with RecordingWriter(bag) as writer:
+        edges = [tfdb.TransformStamped("map", each, 1, (1, 0, 0)) for each in ("odom", "gps")]
+        writer.write(tfdb.encode_tf_message(edges, writer.encoding), 1, topic="/tf")
+    said = tool("convert", bag, tmp_path / "few.tum", code=2).error
+    assert "name its --frames TARGET SOURCE; the frames are 'gps', 'map', 'odom'" in said
+    assert not (tmp_path / "few.tum").exists()

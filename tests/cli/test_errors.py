@@ -282,7 +282,9 @@ def test_suggestions_ignore_case(tool: Tool, bag: Path) -> None:
 def test_a_refused_command_makes_no_store(tool: Tool, bag: Path, tmp_path: Path) -> None:
     name = f"test-errors-{os.getpid()}"
     tool("play", bag, "--into", name, "--frame", "nowhere", code=2)
-    tool("serve", "follow", bag, "--into", name, code=2)
+    for options in ((), ("--mix",)):
+        said = tool("serve", "follow", bag, "--into", name, *options, code=2).error
+        assert said == f"{bag}: not an MCAP file; only .mcap files can be read while they grow"
     tool("serve", "follow", tmp_path, "--into", name, code=2)
     with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)

@@ -167,6 +167,7 @@ def test_simulated_time_has_no_date(tool: Tool, tmp_path: Path) -> None:
     ("options", "words"),
     [
         (("--exclude", "basse"), "exclude: no frame, topic or node of {} matches 'basse'; did"),
+        (("--exclude", "/basse"), "exclude: no frame, topic or node of {} matches '/basse'; did"),
         (("--rename", "basse:=b"), "rename: no frame of {} is called 'basse'; did"),
         (
             ("--start", "100"),

@@ -105,6 +105,12 @@ def test_a_mistyped_command_suggests_the_nearest(
     assert meant in said
 
 
+def test_an_unknown_command_lists_the_commands_of_the_help(tool: Tool) -> None:
+    said = tool("zzzz", code=2).error
+    listed = ", ".join(cli.list_commands(click.Context(cli)))
+    assert f"the commands are {listed}; see" in said, said
+
+
 def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> None:
     said = tool("lookup", bag, "map", "base_link", "2.5", code=2).error
     known = re.fullmatch(

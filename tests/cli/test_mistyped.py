@@ -202,7 +202,7 @@ def test_the_version_as_json(tool: Tool) -> None:
 
 def test_help_is_text_only(tool: Tool) -> None:
     assert tool("help", "help").out == tool("help").out
-    assert "Help is text" in tool("help").out
+    assert "--help ignores --json." in tool("help").out
     assert "help has no --json" in tool("help", "--json", code=2).error
     assert "help has no --json" in tool("help", "lookup", "--json", code=2).error
     assert "'tfdb shm ls --json'" in " ".join(tool("shm", "--help").out.split())

@@ -111,6 +111,11 @@ def test_bad_speeds_are_refused(tool: Tool, bag: Path, name: str, speed: str) ->
         tfdb.Buffer.open(name, create=False)
 
 
+def test_playing_without_waiting_cannot_begin_paused(tool: Tool, bag: Path, name: str) -> None:
+    said = tool("play", bag, "--into", name, "--speed", "inf", "--paused", code=2).error
+    assert "--paused needs a finite --speed: inf plays without pauses" in said
+
+
 def test_a_store_with_frames_of_another_source_is_refused(tool: Tool, bag: Path, name: str) -> None:
     other = tfdb.Buffer()
     other.set_transform("map", "base", 1, (1, 0, 0))

@@ -418,7 +418,7 @@ def test_the_moving_samples_of_a_static_edge_can_be_left_out() -> None:
 
 
 def test_an_edge_that_no_topic_has_is_named() -> None:
-    with pytest.warns(tfdb.TfdbWarning, match="'tf_static:base_lin'.*did you mean"):
+    with pytest.warns(tfdb.TfdbWarning, match="'/tf_static:base_lin'.*did you mean"):
         tfdb.load(BAG, exclude="/tf_static:base_lin")
 
 

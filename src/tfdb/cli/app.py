@@ -258,10 +258,10 @@ def cli(ctx: click.Context) -> None:
     trajectories only. convert also reads .tfdb files, to write a trajectory or a viewer's file.
     monitor reads all but .tfdb files. watch reads live stores and graphs only.
 
-    --json prints the result of a command as JSON. Help is text only.
+    --json prints the result of a command as JSON. --help ignores --json.
 
-    Exit codes: 0 is success, 2 an error (one line on stderr). 'check', 'watch', 'verify', 'record',
-    'publish' and 'mirror' also use 1; their help explains it.
+    Exit codes: 0 is success, 2 an error (one line on stderr). 'check', 'watch', 'record', 'publish'
+    and 'mirror' also return 1; their help explains when.
     """  # noqa: D301, click wants the character
     if ctx.invoked_subcommand is None:
         output.say(ctx.get_help())

@@ -8,6 +8,7 @@ import warnings
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -134,6 +135,22 @@ format_option: Callable[[FC], FC] = click.option(
     type=OneOf(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
     help="Format of a written trajectory.  [default: by the extension of OUT; .txt is TUM]",
 )
+_BY_FORMAT = {".kitti": ".txt", ".euroc": ".csv"}
+"""Endings that name a format of --format, and the extension of its files."""
+
+
+def refuse_format_ending(out: str) -> None:
+    """Refuse a file that ends in the name of a format which only --format selects."""
+    path = PurePath(out)
+    ending = path.suffix.lower()
+    if ending in _BY_FORMAT:
+        name = path.with_suffix(_BY_FORMAT[ending])
+        raise click.UsageError(
+            f"{out!r} ends in the name of a format: give --format {ending[1:]} and a name that "
+            f"ends in {name.suffix}, such as {str(name)!r}"
+        )
+
+
 compress_option: Callable[[FC], FC] = click.option(
     "--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag."
 )

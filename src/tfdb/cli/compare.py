@@ -63,7 +63,8 @@ _OPTIONS = (
         metavar="SECONDS|estimate",
         callback=_offset,
         default="0",
-        help="Clock offset to add to the stamps of ESTIMATE; 'estimate' computes it.",
+        help="Clock offset to add to the stamps of ESTIMATE. 'estimate' computes it from the "
+        "motions of both trajectories; their drift biases it by milliseconds.",
     ),
     click.option(
         "--align",

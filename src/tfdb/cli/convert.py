@@ -23,10 +23,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from tfdb._core import StoreReader
     from tfdb.trajectories.file_formats import Format
 
 RECORDINGS = (".bag", ".mcap", ".db3")
 RERUN = ".rrd"
+_FEW = 5
+"""Largest number of frames that an error lists."""
 
 
 @click.command("convert", cls=SuggestingCommand)
@@ -36,7 +39,8 @@ RERUN = ".rrd"
     "--frames",
     nargs=2,
     metavar="TARGET SOURCE",
-    help="Frames of a written trajectory: T[TARGET<-SOURCE] at each stored stamp.",
+    help="Frames of a written trajectory: T[TARGET<-SOURCE] at each stored stamp.  [default: those "
+    "of the only edge]",
 )
 @click.option("--foxglove", is_flag=True, help="Write an .mcap with messages that Foxglove draws.")
 @common.compress_option
@@ -71,6 +75,7 @@ def command(
     known = (*RECORDINGS, RERUN, *TRAJECTORIES)
     is_trajectory = kind is not None or suffix in TRAJECTORIES
     if suffix not in known and not is_trajectory:
+        common.refuse_format_ending(out)
         raise click.UsageError(unknown_ending(out, known))
     if kind is not None and suffix in (*RECORDINGS, RERUN):
         raise click.UsageError(
@@ -80,15 +85,14 @@ def command(
         raise click.UsageError(f"--foxglove writes .mcap, not {out!r}")
     if compress and (foxglove or suffix == RERUN or is_trajectory):
         raise click.UsageError("--compress is valid for recordings only: .mcap, .bag")
-    if (frames is not None) != is_trajectory:
-        if is_trajectory:
-            raise click.UsageError(f"{out!r} is a trajectory: name its --frames TARGET SOURCE")
+    if frames is not None and not is_trajectory:
         endings = ", ".join(TRAJECTORIES)
         raise click.UsageError(f"--frames TARGET SOURCE is valid for trajectories only: {endings}")
     inputs = common.find_paths(files)
     common.check_output(out, inputs, overwrite=overwrite)
-    if frames is not None:
+    if is_trajectory:
         loaded = common.load(files)
+        frames = frames or _only_edge(loaded.store, out)
         target, source = common.find_frames(loaded.store, *frames)
         poses = loaded.store.trajectory(target, source)
         poses.save(out, kind, overwrite=overwrite)
@@ -103,6 +107,16 @@ def command(
         writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
         written = write_selected(inputs, writer)
     show_written("convert", inputs, out, written, frames=frames or (), as_json=as_json)
+
+
+def _only_edge(store: StoreReader, out: str) -> tuple[str, str]:
+    """Return the frames of a store with one edge, the parent first; refuse other stores."""
+    edges = [(info.parent, info.name) for info in store.tree() if info.parent is not None]
+    if len(edges) == 1:
+        return edges[0]
+    frames = sorted(store.frames())
+    listed = f"; the frames are {', '.join(map(repr, frames))}" if len(frames) <= _FEW else ""
+    raise click.UsageError(f"{out!r} is a trajectory: name its --frames TARGET SOURCE{listed}")
 
 
 def recording_writer(

@@ -160,8 +160,8 @@ class SuggestingGroup(click.Group):
         name, known = args[0], [each for each in self.list_commands(ctx) if each not in hidden]
         there = self.get_command(ctx, name) is not None
         if not there and not name.startswith("-") and not ctx.resilient_parsing:
-            known = [*known, *self.words]
-            raise click.UsageError(f"No such command {name!r}: {suggest(name, known)}", ctx)
+            hint = suggest(name, known, self.words)
+            raise click.UsageError(f"No such command {name!r}: {hint}", ctx)
         return super().resolve_command(ctx, args)
 
 
@@ -173,10 +173,13 @@ class OneOf(click.Choice[str]):
         return unknown_word(str(value), self.choices)
 
 
-def suggest(name: str, known: Sequence[str]) -> str:
-    """Suggest the commands that are similar, or have the word as a part; otherwise list all."""
+def suggest(name: str, known: Sequence[str], words: Sequence[str]) -> str:
+    """Suggest the commands that are similar, or have the word as a part; otherwise list all.
+
+    `words` are suggested as well, but not listed.
+    """
     near = [each for each in known if name.lower() in each.split("-")]
-    near = near or near_names(name, known, most=2, cutoff=0.6)
+    near = near or near_names(name, [*known, *words], most=2, cutoff=0.6)
     if near:
         return f"did you mean {' or '.join(map(repr, near))}?"
     return f"the commands are {', '.join(known)}"

@@ -106,8 +106,10 @@ def command(
     Example: tfdb play drive.mcap --into robot1
 
     The store's clock shows the time of the recording: tfdb.Buffer.open("NAME").clock. If a process
-    sets the clock, the player follows. Data of an earlier player are replaced; frames of other
-    writers stay.
+    sets the clock, the player follows. After the play, the clock follows the system's again.
+
+    Data of an earlier player are replaced; frames of other writers stay. --history limits a new
+    store, which drops older samples.
 
     Keys in a terminal: space pauses and resumes. Right plays one commit, left takes one back. Up
     and down change the speed, 1 to 9 set it. ] jumps 5 s ahead, [ 5 s back. r reverses, q quits.
@@ -119,6 +121,8 @@ def command(
     """
     if graph is not None and math.isinf(speed):
         raise click.UsageError("--clock needs a finite --speed: inf sets no clock")
+    if paused and math.isinf(speed):
+        raise click.UsageError("--paused needs a finite --speed: inf plays without pauses")
     from tfdb.player.player import Player  # noqa: PLC0415 - reads recordings
     from tfdb.player.tape import tape_of  # noqa: PLC0415
 

@@ -13,6 +13,7 @@ import tfdb
 from tfdb.data.argument_checks import unknown_ending
 from tfdb.data.counting import counted
 from tfdb.data.path_checks import errors_name
+from tfdb.data.stamps import format_seconds
 from tfdb.data.time_text import format_duration, format_ns
 from tfdb.recordings.containers import TRAJECTORIES
 
@@ -138,6 +139,8 @@ def command(
 
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
+    if out is not None:
+        _check_order(made.stamps, out, kind, stamps_file)
     if out is not None or not as_json:
         _write(out, made, kind, overwrite=overwrite)
     if as_json:
@@ -151,6 +154,7 @@ def _check_format(out: str | None, kind: Format | None) -> None:
     if out == "-":
         raise click.UsageError("'-' is not a file: without -o, TUM lines go to stdout")
     if out is not None and kind is None and not out.lower().endswith(TRAJECTORIES):
+        common.refuse_format_ending(out)
         raise click.UsageError(f"{unknown_ending(out, TRAJECTORIES)}; --format names the format")
     if kind is not None and out is None:
         raise click.UsageError("--format needs an output file: give -o OUT")
@@ -182,6 +186,29 @@ def _between(
     return stamps[inside]
 
 
+def _check_order(
+    stamps: npt.NDArray[np.int64], out: str, kind: Format | None, stamps_file: str | None
+) -> None:
+    """Refuse stamps that `Trajectory.read` refuses: decreasing ones, in .npz and Parquet repeated.
+
+    Only the stamps of `--at` can be such.
+    """
+    import numpy as np
+
+    no_repeats = (kind or out.lower().rpartition(".")[2]) in ("npz", "parquet")
+    wrong = np.flatnonzero(np.diff(stamps) < int(no_repeats))
+    if len(wrong):
+        before, stamp = map(int, stamps[wrong[0] : wrong[0] + 2])
+        name = "standard input" if stamps_file == "-" else stamps_file
+        hint = "sort the stamps" if stamp < before else "give each stamp once"
+        raise tfdb.InvalidStamp(
+            f"{name}: stamp {format_seconds(stamp)} follows {format_seconds(before)}, but "
+            f"the stamps of {out} must increase: {hint}",
+            path=name,
+            value=stamp,
+        )
+
+
 def _write(out: str | None, made: Poses, kind: Format | None, *, overwrite: bool) -> None:
     if out is not None:
         from tfdb.trajectories.writing import write_trajectory  # noqa: PLC0415 - needs numpy
@@ -200,8 +227,8 @@ def _body(loaded: common.Loaded, made: Poses, out: str | None) -> dict[str, Any]
         "output": out,
         "poses": len(made.stamps),
         "missing": made.missing,
-        "start_ns": int(made.stamps[0]) if len(made.stamps) else None,
-        "end_ns": int(made.stamps[-1]) if len(made.stamps) else None,
+        "start_ns": int(made.stamps.min()) if len(made.stamps) else None,
+        "end_ns": int(made.stamps.max()) if len(made.stamps) else None,
     }
     if out is None:
         body["stamps_ns"] = made.stamps.tolist()

@@ -69,10 +69,12 @@ def follow(
 
     Example: tfdb serve follow running.mcap --into robot1
 
-    Messages arrive chunk by chunk, as the recorder writes them. The store stays when the command
-    ends or is stopped by Ctrl-C. --frame, --keep, --urdf and offsets from the first or last stamp
-    are refused, because they need a finished file. If topics disagree on an edge, the command stops
-    with an error; the store keeps the earlier messages.
+    Messages arrive chunk by chunk, as the recorder writes them. The command ends when the recorder
+    has closed FILE. The store stays when the command ends or is stopped by Ctrl-C.
+
+    --frame, --keep, --urdf and offsets from the first or last stamp are refused, because they need
+    a finished file. If topics disagree on an edge, the command stops with an error; the store keeps
+    the earlier messages.
     """
     (path,) = common.find_paths([file])
     common.refuse_frozen([path])
@@ -176,7 +178,6 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
             output.say_wrapped(f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it")
         try:
             live.sleep(math.inf)
-            live.check()
         finally:
             body, text = describe_graph(live, began)
             say_end(graph, name, "serve", body, text, as_json=as_json)

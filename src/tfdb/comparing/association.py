@@ -133,7 +133,8 @@ def _nothing_matches(
     apart = reference.stamps[-1] < estimate.stamps[0] or estimate.stamps[-1] < reference.stamps[0]
     if apart:
         what = f"the trajectories have no time in common: {spans}"
-        reason, remedy = "no time in common", "give offset, in seconds, or offset='estimate'"
+        reason = "no time in common"
+        remedy = "give offset (--offset SECONDS), or offset='estimate' (--offset estimate)"
     else:
         what = f"no two poses lie within max_diff, {format_seconds(limit)}"
         if interpolated:
@@ -142,5 +143,6 @@ def _nothing_matches(
                 f"{format_seconds(2 * limit)} apart (twice max_diff)"
             )
         what += f": the nearest two are {format_seconds(nearest)} apart; {spans}"
-        reason, remedy = "no match", "give a larger max_diff, or offset='estimate'"
+        reason = "no match"
+        remedy = "give a larger max_diff (--max-diff), or offset='estimate' (--offset estimate)"
     return NotComparable(f"{what}; {remedy}", reason=reason, limit=limit)

@@ -182,7 +182,7 @@ def _judge(
         raise NotComparable(
             f"only {len(matched.stamps)} of {min(options['given'])} poses "
             f"{'are in both' if by_row else in_time}: align={how!r} needs {NEEDED[how]}"
-            f"{'' if by_row else '; give a larger max_diff, or an offset'}",
+            f"{'' if by_row else '; give a larger max_diff (--max-diff), or an offset (--offset)'}",
             reason="too few matches",
             limit=matched.max_diff,
         )

@@ -68,7 +68,8 @@ def find_pairs(
 def _too_short(delta: float, unit: DeltaUnit, found: str) -> NotComparable:
     return NotComparable(
         f"no two poses lie {delta:g} {unit} apart, so the relative error is undefined: {found}; "
-        "give a smaller delta, or with all_pairs a larger delta_tolerance",
+        "give a smaller delta (--delta), or with all_pairs (--all-pairs) a larger delta_tolerance "
+        "(--delta-tolerance)",
         reason="no pairs",
     )
 

@@ -160,7 +160,9 @@ def refuse_mixture_so_far(path: PathLike, selection: Selection) -> None:
     choice, given = selection.choice, check_path(path, RecordingError)
     watch = _watch(given, choice, rewriter_without_survey(choice))
     with closing(GrowingMcap(given)) as file:
-        for messages, sources in file.read() if watch is not None else ():
+        for messages, sources in file.read():
+            if watch is None:
+                break
             for _ in _runs_that_came(messages, sources, choice, watch):
                 pass
 

@@ -346,7 +346,9 @@ class GrowingMcap:
         raw = self._file.read(self._at, head)
         if self._at == 0:
             if raw != MAGIC:
-                raise BadDataError("not an MCAP file")
+                raise RecordingError(
+                    self.path, "not an MCAP file; only .mcap files can be read while they grow"
+                )
             return head
         kind, size = RECORD.unpack(raw)
         if kind == 0:

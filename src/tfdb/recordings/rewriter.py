@@ -448,7 +448,7 @@ def warn_of_names(rewriters: Sequence[Rewriter], what: str, depth: int) -> None:
     if unused:
         plain = [entry for entry in unused if not set(entry) & set("*?")]
         hint = did_you_mean(plain, {name for each in rewriters for name in each._rules.names})
-        names = first_few(unused)
+        names = first_few([choice.written[entry] for entry in unused])
         message = f"exclude: no frame, topic or node of {what} matches {names}{hint}"
         warnings.warn(message, TfdbWarning, stacklevel=depth)
     known = {name for each in rewriters for name in each._known()}

@@ -234,7 +234,10 @@ class Choice:
         )
         if self.frames is not None and not self.frames:
             raise InvalidArgument("frames is empty: name frames, or give None for all", value=())
-        self.exclude: tuple[str, ...] = _names("exclude", given.exclude)
+        written = _written_names("exclude", given.exclude)
+        self.exclude: tuple[str, ...] = _without_slash(written)
+        self.written: dict[str, str] = dict(zip(self.exclude, written, strict=True))
+        """The entries of `exclude` as given, for warnings."""
         self.keep: int | None = _seconds(given.keep)
         self.rename: dict[str, str] = _mapping(given.rename)
         self.prefix: str = _prefix(given.prefix)
@@ -365,7 +368,7 @@ class Choice:
     def of_origins(self) -> Choice:
         """Keep only the fields that select transforms by their origin."""
         everything = Choice(Selection())
-        kept = ("exclude", "pose_topics", "by_namespace", "roles")
+        kept = ("exclude", "written", "pose_topics", "by_namespace", "roles")
         return everything._but(**{name: getattr(self, name) for name in kept})
 
     def prefixed(self, prefix: str) -> Choice:
@@ -425,6 +428,15 @@ def _seconds(keep: Any) -> int | None:
 
 def _names(option: str, given: Any) -> tuple[str, ...]:
     """Names of frames and others, without their leading slash."""
+    return _without_slash(_written_names(option, given))
+
+
+def _without_slash(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name.removeprefix("/") for name in names)
+
+
+def _written_names(option: str, given: Any) -> tuple[str, ...]:
+    """Names of frames and others, as given."""
     one = isinstance(given, str | bytes) or not isinstance(given, Iterable)
     if getattr(given, "ndim", 1) == 0:  # an array of no dimension
         given, one = given.item(), True
@@ -432,7 +444,7 @@ def _names(option: str, given: Any) -> tuple[str, ...]:
     for name in several:
         if not isinstance(name, str) or not name.strip("/"):
             raise InvalidArgument(f"{option} must be frame names, got {shown(name)}", value=name)
-    return tuple(name.removeprefix("/") for name in several)
+    return tuple(several)
 
 
 def _mapping(given: Any) -> dict[str, str]:
