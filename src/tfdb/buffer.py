@@ -589,7 +589,7 @@ class Buffer(Freezable, _core.NativeBuffer):
         Parameters
         ----------
         name
-            One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
+            A name without `/`, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
         create
             True: create it; it must not exist. False: it must exist. None: create it if it is
             missing. mode="r" never creates a store.

@@ -84,7 +84,10 @@ class Report:
 
     @property
     def age(self) -> int:
-        """Greatest age of an edge's sample; 0 if no edge moves."""
+        """Longest time from a used sample to the stamp of the transform; 0 if no edge moves.
+
+        For the age at this moment: `buf.clock.now() - T.stamp`.
+        """
         return max((edge.age for edge in self.edges if edge.before is not None), default=0)
 
     @property

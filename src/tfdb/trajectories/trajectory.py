@@ -766,9 +766,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     ) -> None:
         """Write the trajectory to a file, which appears when it is complete.
 
-        Numbers have enough digits to read back the same float64. Stamps are exact decimals. TUM,
-        KITTI and EuRoC files omit missing poses; the other formats keep them as NaN. Parquet keeps
-        the frame names.
+        All formats but KITTI restore each float64 exactly. KITTI stores matrices, so quaternions
+        differ by rounding. Stamps are exact decimals. TUM, KITTI and EuRoC files omit missing
+        poses; the other formats keep them as NaN. Parquet keeps the frame names.
 
         Parameters
         ----------
