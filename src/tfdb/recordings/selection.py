@@ -121,7 +121,10 @@ class Selection:
         ),
     )
     start: StampLike | str | None = field(
-        default=None, metadata=_option("TIME", "Read no moving transform before this time.")
+        default=None,
+        metadata=_option(
+            "TIME", "Read no moving transform before this time. '+2' is 2 s after the first."
+        ),
     )
     end: StampLike | str | None = field(
         default=None, metadata=_option("TIME", "Read no moving transform after this time.")
