@@ -38,6 +38,10 @@ class ClockedNode(Closable, ABC):
     def closed(self) -> bool:
         """Whether the node has ended."""
 
+    @abstractmethod
+    def close(self) -> None:
+        """End the node. A second call does nothing."""
+
     def now(self) -> int:
         """Nanoseconds by the node's clock: the system's, or /clock with `use_sim_time`.
 
