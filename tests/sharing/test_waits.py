@@ -178,6 +178,19 @@ def test_followers_of_a_removed_store_end_although_another_writes(name: str, fol
             deque(map(write_and_step, range(1, 10)), maxlen=0)
 
 
+@pytest.mark.parametrize("follower", FOLLOWERS)
+def test_a_commit_just_before_the_removal_is_returned(name: str, follower: str) -> None:
+    with tfdb.Buffer.open(name) as buf:
+        put(buf, "a", 0)
+        step = FOLLOWERS[follower](buf)
+        call = Call(step)
+        put(buf, "a", 1)
+        tfdb.Buffer.unlink(name)
+        call.result()
+        with pytest.raises(tfdb.errors.NoSuchStore, match="was removed"):
+            step()
+
+
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 def test_a_reader_without_write_permission_cannot_wait(name: str) -> None:
     buf = tfdb.Buffer.open(name, permissions=0o644)

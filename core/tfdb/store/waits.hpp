@@ -311,11 +311,9 @@ private:
         if (looks_.empty())
             seen_ = store_.committed();
     }
-    void heed_removal() noexcept {
-        if (!store_.removed() || last_ != kNewest)
-            return;
-        last_ = store_.committed();
-        end_all(WaitEnd::kRemoved);
+    void heed_removal() {
+        if (store_.removed() && last_ == kNewest)
+            look();
     }
     void remove(Wait& wait) noexcept {
         unlink(wait.looks);
@@ -367,6 +365,8 @@ private:
     }
     void wake(Wait& wait, WaitEnd how) noexcept {
         for (Sleeper* sleeper = wait.sleepers; sleeper != nullptr; sleeper = sleeper->next) {
+            if (sleeper->waiter.ended())
+                continue;
             sleeper->how = how;
             group_.end(sleeper->waiter);
         }
@@ -434,7 +434,7 @@ private:
 
     /// Checks the commits since the last look.
     void look() {
-        heed_removal();
+        const bool removed = store_.removed();
         const CommitNumber newest = store_.committed();
         if (newest != seen_ && !looks_.empty()) {
             collect_touched(newest);
@@ -453,6 +453,10 @@ private:
         }
         // Last: after an exception the next look starts here again.
         seen_ = newest;
+        if (removed && last_ == kNewest) {
+            last_ = newest;
+            end_all(WaitEnd::kRemoved);
+        }
     }
     void collect_touched(CommitNumber newest) {
         touched_.clear();
