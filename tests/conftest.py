@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 from contextlib import contextmanager, suppress
@@ -33,6 +34,24 @@ settings.load_profile("tfdb")
 
 # Shells let what they run in the background ignore Ctrl-C, and so would the processes of tests.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+CHILD_SECONDS = 200  # less than `faulthandler_timeout`
+
+
+def pytest_configure() -> None:
+    """Limit the life of forked children: one that hangs keeps the pipe of its worker open.
+
+    Without the limit pytest waits for ever, and names no test, after `faulthandler` has ended the
+    worker. A limited child prints its threads first.
+    """
+    stderr = os.dup(2)  # not captured here
+
+    def limit() -> None:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        faulthandler.register(signal.SIGALRM, stderr, chain=True)
+        signal.alarm(CHILD_SECONDS)
+
+    os.register_at_fork(after_in_child=limit)
 
 
 @pytest.fixture(scope="session")

@@ -380,21 +380,31 @@ def test_a_process_ends_although_its_thread_waits(ros1: str) -> None:
 
 
 FORKS = """
-import os, sys, xmlrpc.client
+import os, sys, threading, xmlrpc.client
 from tfdb.ros.tcpros_node import TcprosNode
 
 node = TcprosNode("forks", arguments=[])
 node.advertise("out", "tf2_msgs/TFMessage")
+held, forked = threading.Event(), threading.Event()
+
+def hold():
+    with node._lock:
+        held.set()
+        forked.wait()
+
+threading.Thread(target=hold).start()
+held.wait()
 child = os.fork()
 if child == 0:
     sys.exit(7)
+forked.set()
 _, status = os.waitpid(child, 0)
 with xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"]) as master:
     print(os.waitstatus_to_exitcode(status), "/forks" in str(master.getSystemState("/test")))
 """
 
 
-def test_the_end_of_a_forked_child_leaves_the_node_registered(ros1: str) -> None:
+def test_a_forked_child_ends_beside_a_held_lock_and_leaves_the_node_registered(ros1: str) -> None:
     child = subprocess.run(
         [sys.executable, "-c", FORKS], capture_output=True, text=True, timeout=SECONDS, check=False
     )

@@ -99,6 +99,8 @@ class _ClockListener:
 
 open_nodes: weakref.WeakSet[ClockedNode] = weakref.WeakSet()
 """The nodes that are closed when the process ends."""
+# A child of `fork` has no threads of its parent's nodes, and may find their locks held.
+os.register_at_fork(after_in_child=open_nodes.clear)
 
 
 def _close_all() -> None:
