@@ -97,12 +97,16 @@ PyObject* lookup_transforms(PyObject* self, PyObject* const* args, Py_ssize_t co
     });
 }
 
-/// `writable` points must fit as they are; others are copied if their strides do not fit.
+bool is_integer(const ArrayView& view) {
+    return view.kind() == Kind::kInt64 || view.kind() == Kind::kOtherInteger;
+}
+
+/// `writable` points must fit as they are; others are converted, integers as well.
 Points points_of(nb::handle object, const char* role, bool writable) {
     constexpr const char* kExpected = "an array (N, 3) of float32 or float64";
     nb::object array = nb::borrow(object);
     std::optional<ArrayView> view = ArrayView::of(array, writable);
-    if (!view && !writable) {
+    if (!writable && (!view || is_integer(*view))) {
         view.emplace(as_doubles(object, role, array));
     }
     if (!view) {
@@ -295,7 +299,7 @@ Parameters
 target, source
     Frame names.
 points
-    (N, 3), float32 or float64; rows may be strided, as in `cloud[:, :3]`.
+    (N, 3), float32 or float64; integers become float64. Rows may be strided, as in `cloud[:, :3]`.
 stamps
     (N,) int64 nanoseconds, or one stamp for all points.
 policy

@@ -164,8 +164,8 @@ def test_a_warning_names_each_edge_and_error_once() -> None:
     assert sorted(str(each.message).partition(" at ")[0] for each in warned) == [
         "InvalidTransform: T['map'<-'x']",
         "InvalidTransform: T['map'<-'y']",
-        "StaticConflict: T['map'<-'camera'] from '/ekf' is moving, but the edge is static: "
-        "remove frame 'camera' first, or pass change_kind=True to drop the samples that it has; "
+        "StaticConflict: T['map'<-'camera'] from '/ekf' is moving, but the stored edge of 'camera' "
+        "is static: remove frame 'camera' first, or pass change_kind=True, which drops its stored samples; "
         "the rest of its message is stored",
     ]
     assert {each.category for each in warned} == {tfdb.TfdbWarning}

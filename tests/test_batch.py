@@ -320,11 +320,18 @@ def test_one_stamp_for_all_points(robot: Robot) -> None:
         )
 
 
-def test_points_may_be_lists_or_none(robot: Robot) -> None:
+@pytest.mark.parametrize("dtype", [np.int64, np.int32, np.uint8, list])
+def test_points_of_integers_become_floats(robot: Robot, dtype: type) -> None:
     stamp = stamp_of(7.3)
-    found = robot.buffer.transform_points("map", "lidar", [[1, 2, 3], [4, 5, 6]], [stamp, stamp])
+    numbers = [[1, 2, 3], [4, 5, 6]]
+    points = numbers if dtype is list else np.array(numbers, dtype)
+    found = robot.buffer.transform_points("map", "lidar", points, [stamp, stamp])
+    expected = robot.buffer.transform_points("map", "lidar", np.array(numbers, float), stamp)
     assert found.dtype == np.float64
-    assert found.shape == (2, 3)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_no_points_need_no_stamp(robot: Robot) -> None:
     none = robot.buffer.transform_points("map", "lidar", np.empty((0, 3), np.float32), [])
     assert (none.shape, none.dtype) == ((0, 3), np.float32)
 

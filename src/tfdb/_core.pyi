@@ -372,7 +372,7 @@ class StoreReader:
         target, source
             Frame names.
         points
-            (N, 3), float32 or float64; rows may be strided, as in `cloud[:, :3]`.
+            (N, 3), float32 or float64; integers become float64. Rows may be strided, as in `cloud[:, :3]`.
         stamps
             (N,) int64 nanoseconds, or one stamp for all points.
         policy

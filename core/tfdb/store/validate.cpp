@@ -274,7 +274,7 @@ Fault fault_of_edge(const Store& store, FrameId child, const TransformView& tran
     const history::EdgeWriter<StoreMemory> edge(store.frames.memory(), store.frames.header(child));
     if (changes_kind(edge, is_static))
         return static_conflict(transform, index, is_static, authority,
-                               ", or pass change_kind=True to drop the samples that it has");
+                               ", or pass change_kind=True, which drops its stored samples");
     if (transform.stamp < edge.newest() - store.history)
         return too_old(transform, index, edge.newest(), store.history, authority);
     return repeated_stamp(transform, index, authority);
@@ -293,8 +293,9 @@ Error static_conflict(const TransformView& transform, std::size_t index, bool is
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
     return StaticConflict(edge_name(transform) + by(authority) + " is " +
-                              (is_static ? "static, but the edge has moving samples"
-                                         : "moving, but the edge is static") +
+                              (is_static ? "static, but the stored edge of "
+                                         : "moving, but the stored edge of ") +
+                              quoted(transform.child) + (is_static ? " is moving" : " is static") +
                               ": remove frame " + quoted(transform.child) + " first" + other_way,
                           std::move(detail));
 }

@@ -160,7 +160,7 @@ _EDGE_COLUMNS = (
     layout.Column("samples", 4, right=True),
     layout.Column("longest gap", 2, right=True),
     layout.Column("late", 3, right=True),
-    layout.Column("authority", 5),
+    layout.Column("publisher", 5),
 )
 
 
