@@ -165,8 +165,8 @@ def test_a_warning_names_each_edge_and_error_once() -> None:
         "InvalidTransform: T['map'<-'x']",
         "InvalidTransform: T['map'<-'y']",
         "StaticConflict: T['map'<-'camera'] from '/ekf' is moving, but the stored edge of 'camera' "
-        "is static: remove frame 'camera' first, or pass change_kind=True, which drops its stored samples; "
-        "the rest of its message is stored",
+        "is static: remove frame 'camera' first, or pass change_kind=True, which drops its stored "
+        "samples; the rest of its message is stored",
     ]
     assert {each.category for each in warned} == {tfdb.TfdbWarning}
     assert warned[0].filename == __file__

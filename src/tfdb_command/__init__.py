@@ -28,11 +28,12 @@ class Stopped(KeyboardInterrupt):
 def _stop(number: int, frame: FrameType | None) -> None:
     """End the command, once no import is under way.
 
-    An exception in an import may leave its lock held. Later imports of all threads then hang.
+    An exception in an import may leave its lock held. Later imports of all threads then hang. The
+    signal is sent again, because the command may have set a handler of its own meanwhile.
     """
     if not _is_importing(frame):
         raise Stopped(number)
-    signal.signal(signal.SIGALRM, lambda _, later: _stop(number, later))
+    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
     signal.setitimer(signal.ITIMER_REAL, _AGAIN)
 
 

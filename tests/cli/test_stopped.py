@@ -273,16 +273,25 @@ def test_a_signal_ends_serve_follow_with_its_summary(
     assert told["transforms"] > 50
 
 
-def test_a_signal_in_an_import_ends_the_command_after_it(tmp_path: Path) -> None:
-    (tmp_path / "imported.py").write_text(
-        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nprint('whole')\n"
-    )
+@pytest.mark.parametrize("own_handler", [False, True])
+def test_a_signal_in_an_import_is_handled_after_it(tmp_path: Path, own_handler: bool) -> None:
+    """By the handler that the command has then."""
+    (tmp_path / "imported.py").write_text(f"""
+import os, signal
+os.kill(os.getpid(), signal.SIGINT)
+heard = []
+if {own_handler}:
+    signal.signal(signal.SIGINT, lambda *_: heard.append("heard"))
+print("whole")
+""")
     program = """
 import signal, tfdb_command
 signal.signal(signal.SIGINT, tfdb_command._stop)
 try:
     import imported
-    signal.pause()
+    while not imported.heard:
+        pass
+    print(*imported.heard)
 except tfdb_command.Stopped as stopped:
     print(stopped)
 """
@@ -294,7 +303,7 @@ except tfdb_command.Stopped as stopped:
         timeout=60,
         check=True,
     )
-    assert done.stdout == "whole\nended by SIGINT\n"
+    assert done.stdout == ("whole\nheard\n" if own_handler else "whole\nended by SIGINT\n")
 
 
 @pytest.mark.parametrize(
