@@ -75,12 +75,12 @@ def test_a_killed_copy_has_the_state_of_its_position(name: str) -> None:
                 apply_rest(name, samples, ends, begun)
             finally:
                 os._exit(0)
-        os.read(heard, 1)
+        os.close(begun)
+        assert os.read(heard, 1) == b"!"
         time.sleep(rng.random() * 0.003)
         os.kill(pid, signal.SIGKILL)
         died += os.WIFSIGNALED(os.waitpid(pid, 0)[1])
         os.close(heard)
-        os.close(begun)
         copy = opened(name)
         position = position_of(copy)
         seen.add(position)
