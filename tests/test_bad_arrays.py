@@ -103,7 +103,7 @@ def overlapping() -> dict[str, Any]:
         ({"points": np.zeros((3, 2))}, "(3, 2)"),
         ({"points": np.zeros(3)}, "(3,)"),
         ({"points": np.zeros((1, 3, 3))}, "(1, 3, 3)"),
-        ({"points": np.zeros((3, 3), np.int32)}, "int32"),
+        ({"points": np.zeros((3, 3), bool)}, "bool"),
         ({"points": np.zeros((3, 3), complex)}, "complex128"),
         ({"points": np.zeros((3, 3), ">f8")}, ">f8"),
         ({"points": np.zeros((3, 3)).T}, "strides"),
