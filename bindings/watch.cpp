@@ -26,6 +26,8 @@ struct WatchObject {
     nb::tuple what;  // names of frames, then pairs of names
     std::size_t frames = 0;
     nb::object owner;  // the Buffer object
+    // The class Touched: a waiting thread would import it, and could not end with the program.
+    nb::object record;
 };
 
 /// Removes duplicates, keeping the order.
@@ -85,8 +87,9 @@ nb::object watch(nb::handle self, nb::handle frames, nb::handle pairs, bool ever
         return buffer.open_store().watch(watched);
     }();
     nb::object object = nb::inst_alloc(nb::type<WatchObject>());
-    new (nb::inst_ptr<WatchObject>(object)) WatchObject{std::move(made), nb::tuple(names + paths),
-                                                        watched.frames.size(), nb::borrow(self)};
+    new (nb::inst_ptr<WatchObject>(object))
+        WatchObject{std::move(made), nb::tuple(names + paths), watched.frames.size(),
+                    nb::borrow(self), record_type("Touched")};
     nb::inst_mark_ready(object);
     return object;
 }
@@ -108,14 +111,13 @@ nb::list next(nb::handle self, nb::handle after, nb::handle timeout, nb::handle 
     if (touches.empty()) {
         return made;
     }
-    const nb::object record = record_type("Touched");
     for (const Touch& touch : touches) {
         nb::list what;
         for (const std::uint32_t place : touch.what) {
             if (place < nb::len(object.what))
                 what.append(object.what[place]);
         }
-        made.append(record(touch.commit, nb::tuple(what)));
+        made.append(object.record(touch.commit, nb::tuple(what)));
     }
     return made;
 }

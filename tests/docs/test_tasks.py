@@ -18,7 +18,7 @@ from tfdb.trajectories.writing import write_trajectory
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "tasks.md"
 PARTS = re.compile(r"^## ([^\n]+)$|^### ([^\n]+)$|^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-PATIENCE = 60.0  # seconds
+PATIENCE = 300.0  # seconds
 IMPORTS = """import threading
 import numpy as np
 import tfdb

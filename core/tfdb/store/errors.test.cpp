@@ -276,9 +276,11 @@ TFDB_TEST(error_invalid_stamps_and_too_old_ones) {
 TFDB_TEST(error_static_conflicts_both_ways) {
     Buffer buffer = robot();
     const auto moving = refused<StaticConflict>(buffer, {"base", "camera", kSecond, pose_of(1)});
-    CHECK(moving && moving->detail().edge == "camera" && says(*moving, "the stored edge of 'camera' is static"));
+    CHECK(moving && moving->detail().edge == "camera" &&
+          says(*moving, "the stored edge of 'camera' is static"));
     const auto fixed = refused<StaticConflict>(buffer, {"map", "base", kSecond, pose_of(1)}, true);
-    CHECK(fixed && fixed->detail().edge == "base" && says(*fixed, "the stored edge of 'base' is moving"));
+    CHECK(fixed && fixed->detail().edge == "base" &&
+          says(*fixed, "the stored edge of 'base' is moving"));
     CHECK(fixed && says(*fixed, "remove frame 'base' first"));
     buffer.clear();  // then the edge has no samples that could contradict
     CHECK_EQ(set_static(buffer, "map", "base", pose_of(1)), 10U);

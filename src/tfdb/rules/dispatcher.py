@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import threading
 import time
@@ -68,6 +69,9 @@ class Dispatcher:
     def add(self, rule: Rule) -> None:
         """Install a rule, which is evaluated on later commits."""
         frames, pairs, every = _watched([rule])
+        if frames or every:
+            # In the thread an import would not end with the program.
+            importlib.import_module("numpy")
         # This raises for frames that the buffer cannot watch.
         self._buffer.watch(frames, pairs, every=every).close()
         for pair in pairs:
