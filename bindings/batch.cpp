@@ -101,7 +101,7 @@ bool is_integer(const ArrayView& view) {
     return view.kind() == Kind::kInt64 || view.kind() == Kind::kOtherInteger;
 }
 
-/// `writable` points must fit as they are; others are converted, integers as well.
+/// `writable` points must fit as they are. Others become float64 if they are integers or no array.
 Points points_of(nb::handle object, const char* role, bool writable) {
     constexpr const char* kExpected = "an array (N, 3) of float32 or float64";
     nb::object array = nb::borrow(object);
@@ -305,8 +305,8 @@ stamps
 policy
     How a pose between samples is computed. None: Interpolate().
 out
-    Array to write to, with the shape and dtype of the points. It may be the points themselves. It
-    must not overlap a part of them, nor the stamps.
+    Array to write to, with the shape and dtype of the points; float64 for integers. It may be the
+    points themselves. It must not overlap a part of them, nor the stamps.
 missing
     `raise`: raise the error of the first stamp without a pose, with its `index`. `nan`: its points
     become NaN, for any reason except an unknown frame, which raises.

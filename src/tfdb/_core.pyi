@@ -378,8 +378,8 @@ class StoreReader:
         policy
             How a pose between samples is computed. None: Interpolate().
         out
-            Array to write to, with the shape and dtype of the points. It may be the points themselves. It
-            must not overlap a part of them, nor the stamps.
+            Array to write to, with the shape and dtype of the points; float64 for integers. It may be the
+            points themselves. It must not overlap a part of them, nor the stamps.
         missing
             `raise`: raise the error of the first stamp without a pose, with its `index`. `nan`: its points
             become NaN, for any reason except an unknown frame, which raises.

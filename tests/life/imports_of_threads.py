@@ -1,4 +1,7 @@
-"""Prints the modules that a listener's threads import, after `LISTENER` was begun and has heard."""
+"""Prints the modules that a listener's threads import up to its first event.
+
+Run as `imports_of_threads.py LISTENER`, a key of `LISTENERS`.
+"""
 
 from __future__ import annotations
 

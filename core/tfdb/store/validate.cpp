@@ -292,12 +292,13 @@ Error static_conflict(const TransformView& transform, std::size_t index, bool is
                       std::string_view authority, const char* other_way) {
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
-    return StaticConflict(
-        edge_name(transform) + by(authority) + " is " +
-            (is_static ? "static, but the stored edge of " : "moving, but the stored edge of ") +
-            quoted(transform.child) + (is_static ? " is moving" : " is static") +
-            ": remove frame " + quoted(transform.child) + " first" + other_way,
-        std::move(detail));
+    const char* const kind = is_static ? "static" : "moving";
+    const char* const stored = is_static ? "moving" : "static";
+    const std::string child = quoted(transform.child);
+    return StaticConflict(edge_name(transform) + by(authority) + " is " + kind +
+                              ", but the stored edge of " + child + " is " + stored +
+                              ": remove frame " + child + " first" + other_way,
+                          std::move(detail));
 }
 
 Error read_only(const TransformView& transform, std::size_t index, std::string_view source,
