@@ -103,29 +103,30 @@ bool is_integer(const ArrayView& view) {
 
 /// `writable` points must fit as they are. Others become float64 if they are integers or no array.
 Points points_of(nb::handle object, const char* role, bool writable) {
-    constexpr const char* kExpected = "an array (N, 3) of float32 or float64";
+    const char* expected = writable ? "an array (N, 3) of float32 or float64"
+                                    : "an array (N, 3) of float32, float64 or integers";
     nb::object array = nb::borrow(object);
     std::optional<ArrayView> view = ArrayView::of(array, writable);
     if (!writable && (!view || is_integer(*view))) {
         view.emplace(as_doubles(object, role, array));
     }
     if (!view) {
-        throw_bad_array(role, std::string(kExpected) + ", writable", describe(object));
+        throw_bad_array(role, std::string(expected) + ", writable", describe(object));
     }
     const bool floats = view->kind() == Kind::kFloat32 || view->kind() == Kind::kFloat64;
     if (!floats || view->dimensions() != 2 || view->extent(1) != 3) {
-        throw_bad_array(role, kExpected, describe(object));
+        throw_bad_array(role, expected, describe(object));
     }
     const Py_ssize_t item = view->kind() == Kind::kFloat32 ? sizeof(float) : sizeof(double);
     const std::size_t count = view->extent(0);
     const bool whole = count == 0 || (view->stride(1) == item && view->stride(0) % item == 0 &&
                                       (count == 1 || view->stride(0) >= 3 * item));
     if (!whole) {
-        throw_bad_array(role,
-                        std::string(kExpected) +
-                            " whose rows do not overlap and whose x, y, z lie side by side",
-                        describe(object) + " with strides (" + std::to_string(view->stride(0)) +
-                            ", " + std::to_string(view->stride(1)) + ")");
+        throw_bad_array(
+            role,
+            std::string(expected) + " whose rows do not overlap and whose x, y, z lie side by side",
+            describe(object) + " with strides (" + std::to_string(view->stride(0)) + ", " +
+                std::to_string(view->stride(1)) + ")");
     }
     const std::size_t stride =
         count == 0 ? 3 : static_cast<std::size_t>(std::max(view->stride(0), 3 * item) / item);

@@ -7,6 +7,8 @@
 #include <optional>
 #include <vector>
 
+#include "tfdb/store/validate.hpp"
+
 namespace tfdb::python {
 namespace {
 
@@ -287,6 +289,10 @@ std::string text_of(nb::handle object) {
         throw nb::python_error();
     }
     return {PyBytes_AsString(bytes.ptr()), static_cast<std::size_t>(PyBytes_Size(bytes.ptr()))};
+}
+
+std::string transform_name(nb::handle target, nb::handle source) {
+    return store::transform_name(text_of(target), text_of(source));
 }
 
 void forget_error() {

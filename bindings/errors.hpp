@@ -95,6 +95,9 @@ std::string short_repr(nb::handle object);
 /// str() for a message; text without UTF-8 is escaped.
 std::string text_of(nb::handle object);
 
+/// T[target<-source] for a message.
+std::string transform_name(nb::handle target, nb::handle source);
+
 /// Clears the Python error, because another one will be raised. Throws MemoryError and errors
 /// outside of Exception, such as KeyboardInterrupt.
 void forget_error();

@@ -205,13 +205,10 @@ void check_frames(const PoseArguments& given, PyObject* target, PyObject* source
     if (same(target, given.target) && same(source, given.source)) {
         return;
     }
-    const auto name = [](PyObject* into, PyObject* from) {
-        return "T[" + text_of(into) + "<-" + text_of(from) + "]";
-    };
-    throw_error(
-        "InvalidArgument",
-        name(target, source) + " was given for " + name(given.target, given.source) + remedy,
-        {{"value", nb::borrow(given.translation)}});
+    throw_error("InvalidArgument",
+                transform_name(target, source) + " was given for " +
+                    transform_name(given.target, given.source) + remedy,
+                {{"value", nb::borrow(given.translation)}});
 }
 
 Pose pose_of_transform(const PoseArguments& given) {

@@ -7,6 +7,7 @@
 
 #include "arrays.hpp"
 #include "errors.hpp"
+#include "tfdb/store/validate.hpp"
 #include "transform.hpp"
 
 namespace tfdb::python {
@@ -27,7 +28,7 @@ T older(T a, T b) {
                                    std::optional<std::size_t> row = std::nullopt) {
     const std::string of_row = row ? " of points[" + std::to_string(*row) + "]" : std::string();
     throw_error("InvalidTransform",
-                "T['" + text_of(target) + "'<-'" + text_of(source) + "']" + of_row +
+                transform_name(target, source) + of_row +
                     " is not finite: the numbers are too large for floating point",
                 {{"target", nb::borrow(target)},
                  {"source", nb::borrow(source)},
@@ -121,13 +122,12 @@ PyObject* transform_multiply(PyObject* left, PyObject* right) {
             return nullptr;
         }
         if (equal == 0) {
-            const std::string first = text_of(a.source);
-            const std::string second = text_of(b.target);
-            throw_error("InvalidArgument",
-                        "T[" + text_of(a.target) + "<-" + first + "] @ T[" + second + "<-" +
-                            text_of(b.source) + "] do not chain: the first maps from '" + first +
-                            "', the second into '" + second + "'",
-                        {{"source", nb::borrow(a.source)}, {"target", nb::borrow(b.target)}});
+            throw_error(
+                "InvalidArgument",
+                transform_name(a.target, a.source) + " @ " + transform_name(b.target, b.source) +
+                    " do not chain: the first maps from " + store::quoted(text_of(a.source)) +
+                    ", the second into " + store::quoted(text_of(b.target)),
+                {{"source", nb::borrow(a.source)}, {"target", nb::borrow(b.target)}});
         }
         const Pose product = geometry::compose(a.pose, b.pose);
         const clock::StampNs stamp = older(a.stamp, b.stamp);

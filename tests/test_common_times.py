@@ -90,7 +90,7 @@ def test_disconnected_names_edges_without_data() -> None:
     error = caught.value
     assert (error.edge, error.parent, error.reason) == ("base", "ship", "future")
     assert (error.stamp, error.oldest, error.newest) == (50, 10, 40)
-    assert "T['ship'<-'base'] has no data at 0.000000050 s" in str(error)
+    assert "T[ship<-base] has no data at 0.000000050 s" in str(error)
     assert str(error) in str(buffer.explain("map", "camera", 50))
     buffer.clear()
     with pytest.raises(tfdb.Disconnected) as caught:

@@ -103,7 +103,7 @@ def test_the_error_names_the_edge_the_stamp_and_the_way_out(fleet: tfdb.Buffer) 
         fleet.set_transforms([OWN, NEXT], authority="me")
     error = caught.value
     assert str(error) == (
-        "T['r1/odom'<-'r1/base'] at 3.000000000 s from 'me' was refused: frame 'r1/base' is "
+        "T[r1/odom<-r1/base] at 3.000000000 s from 'me' was refused: frame 'r1/base' is "
         "read-only here: it comes from source 'r1'. forget_source('r1') makes it writable"
     )
     assert (error.edge, error.parent, error.stamp) == (BASE, "r1/odom", 3 * S)

@@ -196,9 +196,9 @@ def test_the_texts_name_edge_value_and_publisher() -> None:
     rows = [Member(b"map", b"base", 5), *bad_members(5)[:2], Member(b"map", b"c\0am", 5)]
     result = tfdb.Buffer().ingest_many([encode(rows, "cdr")], encoding="cdr", authority="/ekf")
     assert {each.edge: each.first for each in result.refused_edges} == {
-        "base": "stamp -999999993 ns of T['map'<-'base'] from '/ekf' is out of range: stamps are "
+        "base": "stamp -999999993 ns of T[map<-base] from '/ekf' is out of range: stamps are "
         "from 0 to 2^61 - 1 ns (the year 2043)",
-        "newer": "stamp -4000000001 ns of T['map'<-'newer'] from '/ekf' is out of range: stamps "
+        "newer": "stamp -4000000001 ns of T[map<-newer] from '/ekf' is out of range: stamps "
         "are from 0 to 2^61 - 1 ns (the year 2043)",
         "c\0am": "child frame name 'c\\x00am' from '/ekf' has a control character: a name has 1 "
         "to 1024 bytes of UTF-8 and no control characters",
@@ -207,7 +207,7 @@ def test_the_texts_name_edge_value_and_publisher() -> None:
     with pytest.warns(tfdb.TfdbWarning) as warned:
         tfdb.Buffer().ingest(encode(excess, "cdr"), authority="/ekf")
     assert [str(each.message) for each in warned] == [
-        "InvalidStamp: the stamp of T['odom'<-'cam'] from '/ekf' was refused: 1000000001 "
+        "InvalidStamp: the stamp of T[odom<-cam] from '/ekf' was refused: 1000000001 "
         "nanoseconds are a second or more; the rest of its message is stored"
     ]
 

@@ -678,7 +678,7 @@ def test_floating_and_planar_joints(
         return
     assert said == [
         f"{path}: no sensor_msgs/JointState moves joint 'fly' (floating), 'drive' (planar): "
-        "T['world'<-'foot'], T['world'<-'cart'] must come from /tf, set_transform or "
+        "T[world<-foot], T[world<-cart] must come from /tf, set_transform or "
         "set_joint_state"
     ]
     assert store.frame_exists("slide")

@@ -533,7 +533,7 @@ def test_floating_and_planar_joints_are_named_where_they_are_left_out() -> None:
         model.set_static(tfdb.Buffer())
     assert [str(each.message) for each in warned] == [
         "robot 'base': no sensor_msgs/JointState moves joint 'drive' (planar), 'fly' (floating): "
-        "T['world'<-'cart'], T['cart'<-'drone'] must come from /tf, set_transform or "
+        "T[world<-cart], T[cart<-drone] must come from /tf, set_transform or "
         "set_joint_state"
     ]
     assert warned[0].filename == __file__

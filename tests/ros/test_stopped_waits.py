@@ -15,7 +15,7 @@ from ros import real_ros1, ros2
 CHILD = Path(__file__).with_name("waiting_child.py")
 WITHIN = 30.0  # seconds; the timeouts of the child are minutes
 NO_MAP = 'LookupException "map" passed to lookupTransform argument target_frame does not exist'
-NO_FRAME = "UnknownFrame target frame 'map' does not exist in commit 0; waited "
+NO_FRAME = "UnknownFrame frame 'map' does not exist in commit 0; waited "
 NO_COMMIT = "WaitTimeout no commit followed commit 0; waited "
 ENDS = {
     "lookup": NO_MAP,

@@ -482,7 +482,7 @@ def test_a_transform_without_a_stamp_costs_its_own(
     assert said == [
         "TF_BAD_FRAME_ID: Ignoring transform with frame_id 'map' and child_frame_id 'c\\x00am' "
         'from authority "/robot" because of control characters or its length',
-        "the stamp of T['map'<-'gear'] from '/robot' was refused: 1000000000 nanoseconds are a "
+        "the stamp of T[map<-gear] from '/robot' was refused: 1000000000 nanoseconds are a "
         "second or more",
     ]
 

@@ -369,7 +369,7 @@ TFDB_TEST(lookups_refuse_what_is_not_finite) {
         const StampNs stamp = source[0] == 'b' ? 10 : 15;
         const auto error = THROWN(InvalidTransform, buffer.lookup_transform("map", source, stamp));
         CHECK(error && error->detail().stamp == stamp && error->detail().source == source);
-        CHECK(error && error->detail().reason == "not finite" && says(*error, "T['map'<-'"));
+        CHECK(error && error->detail().reason == "not finite" && says(*error, "T[map<-"));
         FrameHandle map;
         FrameHandle handle;
         CHECK(buffer.find_frame("map", map) && buffer.find_frame(source, handle));

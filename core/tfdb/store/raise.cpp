@@ -11,6 +11,7 @@ namespace {
 
 using store::quoted;
 using store::seconds;
+using store::transform_name;
 
 /// T[target<-source] of a failed lookup, or of its failed half.
 struct Context {
@@ -22,18 +23,15 @@ struct Context {
     std::string other;
     ErrorDetail detail;
 
-    [[nodiscard]] std::string path() const { return path_of(target, source) + whole; }
+    [[nodiscard]] std::string path() const { return transform_name(target, source) + whole; }
     [[nodiscard]] std::string edge() const { return edge_of(other, frame); }
     /// " at 12.345678901 s", if a stamp was given.
     [[nodiscard]] std::string at() const {
         return failure.stamp < 0 ? std::string() : " at " + seconds(failure.stamp);
     }
 
-    static std::string path_of(std::string_view target, std::string_view source) {
-        return "T[" + quoted(target) + "<-" + quoted(source) + "]";
-    }
     static std::string edge_of(std::string_view parent, std::string_view child) {
-        return "edge " + path_of(parent, child);
+        return "edge " + transform_name(parent, child);
     }
 };
 
@@ -46,13 +44,9 @@ std::string span_of(const Failure& f) {
 }
 
 [[noreturn]] void raise_unknown(Context& c, const Question& question, const std::string& hint) {
-    const int argument = c.failure.argument;
-    const FrameRef& asked = store::unknown_of(c.failure, question);
-    const std::string role = argument == 0 ? "target" : (argument == 1 ? "source" : "fixed");
-    c.detail.frame = asked.name;
-    const std::string message = role + " frame " + quoted(asked.name) +
-                                " does not exist in commit " + std::to_string(c.failure.commit) +
-                                hint;
+    c.detail.frame = store::unknown_of(c.failure, question).name;
+    const std::string message = "frame " + quoted(c.detail.frame) + " does not exist in commit " +
+                                std::to_string(c.failure.commit) + hint;
     throw UnknownFrame(message, std::move(c.detail));
 }
 
@@ -198,7 +192,7 @@ void store::raise_failure(const Failure& failure, const Question& question,
     c.detail.target = c.target;
     c.detail.source = c.source;
     if (failure.half != Half::kWhole) {
-        c.whole = " (of " + Context::path_of(c.target, c.source) + ")";
+        c.whole = " (of " + transform_name(c.target, c.source) + ")";
         (failure.half == Half::kSource ? c.target : c.source) = question.fixed.name;
     }
     c.frame = name(failure.frame);

@@ -23,7 +23,7 @@ std::string by(std::string_view authority) {
 }
 
 std::string edge_name(const TransformView& transform) {
-    return "T[" + quoted(transform.parent) + "<-" + quoted(transform.child) + "]";
+    return transform_name(transform.parent, transform.child);
 }
 
 /// Whether the bytes are valid UTF-8: no overlong forms, no surrogates, nothing beyond U+10FFFF.
@@ -172,9 +172,12 @@ void check_may_exist(const Question& question) {
         check(question.fixed, "the wait would never end: the fixed");
 }
 
-std::string quoted(std::string_view name) {
+namespace {
+
+/// Cut when long, control characters escaped.
+std::string shown(std::string_view name) {
     constexpr std::size_t kShown = 64;
-    std::string text = "'";
+    std::string text;
     for (const char c : name.substr(0, kShown)) {
         if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) {
             char escape[5];
@@ -186,7 +189,23 @@ std::string quoted(std::string_view name) {
     }
     if (name.size() > kShown)
         text += "...";
-    return text + "'";
+    return text;
+}
+
+/// For T[target<-source]: quoted if the brackets or the arrow could be misread otherwise.
+std::string shown_in_brackets(std::string_view name) {
+    const bool plain = !name.empty() && name.find_first_of(" '[]<") == std::string_view::npos;
+    return plain ? shown(name) : quoted(name);
+}
+
+}  // namespace
+
+std::string quoted(std::string_view name) {
+    return "'" + shown(name) + "'";
+}
+
+std::string transform_name(std::string_view target, std::string_view source) {
+    return "T[" + shown_in_brackets(target) + "<-" + shown_in_brackets(source) + "]";
 }
 
 std::string seconds(StampNs stamp) {

@@ -128,4 +128,7 @@ std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest);
 /// A frame name for a message: quoted, cut when long, control characters escaped.
 std::string quoted(std::string_view name);
 
+/// T[target<-source] for a message.
+std::string transform_name(std::string_view target, std::string_view source);
+
 }  // namespace tfdb::store

@@ -112,7 +112,7 @@ def describe_wide(joints: Iterable[Joint]) -> str:
     if not chosen:
         return ""
     names = ", ".join(f"{joint.name!r} ({joint.kind})" for joint in chosen)
-    edges = ", ".join(f"T[{joint.parent!r}<-{joint.child!r}]" for joint in chosen)
+    edges = ", ".join(f"T[{joint.parent}<-{joint.child}]" for joint in chosen)
     return (
         f"no sensor_msgs/JointState moves joint {names}: {edges} must come from /tf, set_transform "
         "or set_joint_state"
