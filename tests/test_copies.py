@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -209,6 +210,32 @@ def test_chosen_frames() -> None:
         cut.apply(snap.state_bytes(frames=[NAMES[1], NAMES[2]], newest=2))
     assert cut.frames() == [NAMES[1], NAMES[2], "map"]
     assert cut.samples(NAMES[2])[0].tolist() == source.samples(NAMES[2])[0].tolist()[-2:]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_state_has_the_newest_samples_of_each_edge(seed: int) -> None:
+    source = tfdb.Buffer(history=60e-9 if seed % 2 else None)
+    writer, rng = Writer(seed), random.Random(seed)
+    held = source.snapshot()
+    for number in range(600):
+        writer.act(source)
+        if number % 3 == 0:  # late samples and evictions
+            with suppress(errors.TooOld):
+                source.set_transform("map", "late", rng.randrange(5, 200), *pose(number))
+        if number % 50 == 49:
+            held.close()
+            held = source.snapshot()
+        if number % 20:
+            continue
+        for newest in (1, 2, rng.randrange(3, 80)):
+            cut = tfdb.Buffer(history=None)
+            cut.apply(held.state_bytes(newest=newest))
+            assert cut.frames() == held.frames()
+            for name in held.frames():
+                expected, got = held.samples(name), cut.samples(name)
+                first = max(len(expected[0]) - newest, 0)
+                for theirs, ours in zip(expected[:2], got[:2], strict=True):
+                    assert np.array_equal(theirs[first:], ours)
 
 
 def test_a_copy_of_frames_that_are_missing_at_first() -> None:

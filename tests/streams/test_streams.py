@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
 import sys
 import threading
 from contextlib import suppress
@@ -579,6 +582,41 @@ def test_dropped_samples_keep_no_names() -> None:
         store(buf, ["head"], 10)
         next(stream)  # the rows before it go
     assert (sys.getrefcount(parent), sys.getrefcount(child)) == (2, 2)
+
+
+@pytest.mark.parametrize("pair", [None, ("map", "base")])
+def test_a_signal_handler_ends_the_iteration_of_its_thread(pair: tuple[str, str] | None) -> None:
+    buf = tfdb.Buffer()
+    store(buf, ["base"], 1)
+    stream = buf.follow(pair=pair, since="held")
+    before = signal.signal(signal.SIGUSR1, lambda *_: stream.close())
+    try:
+        read = 0
+        for _ in stream:
+            read += 1
+            threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGUSR1)).start()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert read == 1
+    assert stream._held is not None
+    assert stream._held.closed
+
+
+def test_a_cancelled_read_of_a_closed_stream_stays_cancelled() -> None:
+    async def read(stream: Any) -> None:
+        async for _ in stream:
+            pass
+
+    async def cancel(stream: Any) -> None:
+        task = asyncio.create_task(read(stream))
+        while not stream._ends:
+            await asyncio.sleep(0)
+        task.cancel()
+        stream.close()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(cancel(tfdb.Buffer().follow()))
 
 
 def test_close_ends_a_read_that_waits_with_an_error() -> None:

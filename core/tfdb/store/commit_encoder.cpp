@@ -370,7 +370,7 @@ private:
             authority = store_.frames.word(frame.id, history::kAuthority).load_relaxed();
             Outcome outcome = store::outline(view, frame.id, outline);
             if (outcome == Outcome::kOk)
-                outcome = collect_all(view, frame.id, track_);
+                outcome = collect_newest(view, frame.id, outline, newest_, track_);
             return view.alive(frame.id) ? outcome : Outcome::kLapped;
         });
         CommitSample::Edge edge;

@@ -33,13 +33,14 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 Lapped: TypeAlias = Literal["raise", "skip"]
-_RENEWED = 1.0  # seconds: frames that are not followed keep at most this much data
+_RENEWED = 1.0  # seconds: longest hold of a snapshot, which keeps old samples in memory
 
 
 class Cursor(Reader[Item]):
     """A reader's position among the commits of a buffer.
 
-    One thread reads at a time, and others wait for it. Any thread may close it.
+    One thread reads at a time, and others wait for it. Any thread, or a signal handler, may close
+    it.
     """
 
     _takes_every_commit = False
@@ -83,12 +84,12 @@ class Cursor(Reader[Item]):
 
     @property
     def missed(self) -> int:
-        """Number of commits that left the feed before they were read."""
+        """Number of commits that left the feed before the stream read them."""
         return self._missed
 
     @property
     def gone(self) -> int:
-        """Number of samples, or states of a pair, that left the store before they were read."""
+        """Number of samples, or states of a pair, that the store evicted before they were read."""
         return self._gone
 
     @property
@@ -103,9 +104,16 @@ class Cursor(Reader[Item]):
             self._watch.close()
         for end in tuple(self._ends):
             end()
-        with self._lock:
-            if self._held is not None:
-                self._held.close()
+        # A signal handler may have interrupted the read that holds the lock. That read closes it.
+        if self._lock.acquire(blocking=False):
+            try:
+                self._close_held()
+            finally:
+                self._lock.release()
+
+    def _close_held(self) -> None:
+        if self._held is not None:
+            self._held.close()
 
     def _end(self) -> None:
         self._ended = True
@@ -121,6 +129,7 @@ class Cursor(Reader[Item]):
 
     def _check_open(self) -> None:
         if self._ended:
+            self._close_held()
             raise StreamClosed("the stream is closed: make another by Buffer.follow()")
 
     def _wait(self, until: float | None) -> bool:
@@ -156,7 +165,6 @@ class Cursor(Reader[Item]):
         """Wait until a commit follows the position, or the stream is closed."""
         import asyncio  # noqa: PLC0415 - it takes as long as all of tfdb
 
-        self._check_open()
         if self._watch is None:
             await asyncio.sleep(self._poll)
             return
@@ -169,11 +177,12 @@ class Cursor(Reader[Item]):
 
         self._ends.add(end)
         try:
-            self._check_open()
-            await wait
+            if not self._ended:
+                await wait
         except asyncio.CancelledError:
-            self._check_open()
-            raise
+            task = asyncio.current_task()
+            if not self._ended or task is None or task.cancelling():
+                raise
         finally:
             wait.cancel()
             self._ends.discard(end)
@@ -215,6 +224,8 @@ class Cursor(Reader[Item]):
         else:
             self._held.close()
             self._held = taken
+        if self._ended:
+            self._held.close()
 
 
 _open: WeakSet[Cursor[Any]] = WeakSet()
@@ -222,7 +233,8 @@ _open: WeakSet[Cursor[Any]] = WeakSet()
 
 def _close_in_child() -> None:
     for cursor in list(_open):
-        cursor._lock = threading.Lock()  # the holding thread does not exist in this process
+        # The threads that hold the locks do not exist in this process.
+        cursor._lock, cursor._closing = threading.Lock(), threading.Event()
         cursor._end()
 
 
