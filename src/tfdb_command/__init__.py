@@ -6,9 +6,11 @@ import io
 import os
 import signal
 import sys
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -35,6 +37,30 @@ def _stop(number: int, frame: FrameType | None) -> None:
         raise Stopped(number)
     signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
     signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+
+
+@contextmanager
+def signals_held() -> Iterator[Callable[[], None]]:
+    """Hold the signals that end a command, until the end of the block or a call of its value.
+
+    The first held signal is handled then. So the block can create what must be closed, and reach
+    the statement that closes it.
+    """
+    held: list[int] = []
+    handled = [number for number in ENDING if signal.getsignal(number) is _stop]
+
+    def release() -> None:
+        while handled:
+            signal.signal(handled.pop(), _stop)
+        if held:
+            raise Stopped(held.pop(0))
+
+    for number in handled:
+        signal.signal(number, lambda number, _: held.append(number))
+    try:
+        yield release
+    finally:
+        release()
 
 
 def _is_importing(frame: FrameType | None) -> bool:
@@ -76,6 +102,17 @@ def _run() -> None:
         sys.stdout.flush()
 
 
+def _leave_signals() -> None:
+    """Restore the default effect of signals: the command is over.
+
+    Python removes its handlers as the process ends. An alarm that is still set would then kill it.
+    """
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)
+    for number in ENDING:
+        if signal.getsignal(number) is _stop:
+            signal.signal(number, signal.SIG_DFL)
+
+
 def main() -> None:
     """Run the command line; the process ends with 0 (fine), 1 (findings) or 2 (an error).
 
@@ -86,7 +123,10 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     _ready_streams()
     try:
-        _run()
+        try:
+            _run()
+        finally:
+            _leave_signals()
     except Stopped as stopped:
         sys.exit(128 + stopped.number)
     except BrokenPipeError:

@@ -306,6 +306,61 @@ except tfdb_command.Stopped as stopped:
     assert done.stdout == ("whole\nheard\n" if own_handler else "whole\nended by SIGINT\n")
 
 
+def test_a_command_may_end_before_a_signal_in_its_import_is_handled(tmp_path: Path) -> None:
+    """Python removes its handlers at the end; an alarm must not kill the process then."""
+    (tmp_path / "imported.py").write_text("import os; os.kill(os.getpid(), 15)")
+    program = """
+import signal, time, tfdb_command
+class Last:
+    def __del__(self):
+        time.sleep(10 * tfdb_command._AGAIN)
+last = Last()
+def run():
+    signal.signal(signal.SIGTERM, tfdb_command._stop)
+    import imported
+tfdb_command._run = run
+tfdb_command.main()
+assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_at_the_start_of_record_ends_it_with_a_whole_file(
+    number: signal.Signals, name: str, tmp_path: Path
+) -> None:
+    program = f"""
+import os, tfdb_command
+from tfdb.recorder import mcap_file
+take = mcap_file.McapFile._begin
+def begin(file):
+    os.kill(os.getpid(), {int(number)})
+    take(file)
+mcap_file.McapFile._begin = begin
+tfdb_command.main()
+"""
+    with tfdb.Buffer.open(name) as store:
+        store.set_transform("map", "base", 1, (1, 2, 3), TURN)
+        done = subprocess.run(
+            [sys.executable, "-c", program, "record", name, "-o", str(tmp_path / "drive.mcap")],
+            capture_output=True,
+            text=True,
+            timeout=LONGEST,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [each.name for each in tmp_path.iterdir()] == ["drive.mcap"]
+    assert tfdb.load(tmp_path / "drive.mcap").frames() == ["base", "map"]
+
+
 @pytest.mark.parametrize(
     "command",
     [

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 import time
 from typing import TYPE_CHECKING, Any
@@ -488,12 +490,73 @@ def test_a_child_of_fork_leaves_the_file_alone(tmp_path: Path) -> None:
         recorder.flush()
         child = os.fork()
         if child == 0:
+            for call in (recorder.flush, recorder.wait):
+                with pytest.raises(errors.Forked):
+                    call()
             recorder.close()
             os._exit(0)
         assert os.waitpid(child, 0)[1] == 0
         assert not path.exists()
         buf.set_transform("map", "base", 2, *STILL)
     assert applied(path).frame_info("base").newest == 2
+
+
+@pytest.mark.parametrize("is_closed", [False, True], ids=["open buffer", "closed buffer"])
+def test_the_end_of_a_program_closes_a_recorder(tmp_path: Path, is_closed: bool) -> None:
+    path = tmp_path / "drive.mcap"
+    program = f"""
+import tfdb
+buf = tfdb.Buffer()
+recorder = tfdb.Recorder(buf, {str(path)!r}, flush=1000)
+for i in range(100):
+    buf.set_transform("map", "base", i, (i, 0, 0))
+if {is_closed}:
+    buf.close()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert ("BufferClosed" in done.stderr) == is_closed
+    assert not (tmp_path / "drive.mcap.part").exists()
+    if not is_closed:
+        assert applied(path).frame_info("base").samples == 100
+
+
+@pytest.mark.parametrize("failing", ["tfdb recorder: reads", "tfdb recorder: writes"])
+def test_an_interrupted_start_leaves_no_unfinished_file(
+    failing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = threading.Thread.start
+
+    def interrupted(thread: threading.Thread) -> None:
+        if thread.name == failing:
+            raise KeyboardInterrupt
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    buf = tfdb.Buffer()
+    with pytest.raises(KeyboardInterrupt):
+        tfdb.Recorder(buf, tmp_path / "drive.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_of_the_disk_is_raised_though_the_file_cannot_be_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(disk: Any, *_: object) -> None:
+        raise OSError(5, "the first error" if disk.size else "the last error")
+
+    thrown: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", thrown.append)
+    buf = tfdb.Buffer()
+    recorder = tfdb.Recorder(buf, tmp_path / "drive.mcap")
+    recorder.flush()
+    monkeypatch.setattr(mcap_file._Disk, "write", fail)
+    monkeypatch.setattr(mcap_file._Disk, "close", fail)
+    buf.set_transform("map", "base", 1, *STILL)
+    with pytest.raises(OSError, match="the first error"):
+        recorder.close()
+    assert len(thrown) == 1
 
 
 def test_stamps_that_no_message_holds(tmp_path: Path) -> None:

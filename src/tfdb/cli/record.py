@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ import click
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
 from tfdb.recordings.selection import Selection
+from tfdb_command import signals_held
 
 from . import common, output
 from .graph import STORE, live_source, node_option
@@ -131,7 +133,8 @@ def command(
             f"{source} is a file: give a live store or graph; 'tfdb convert' rewrites a recording"
         )
     began = time.monotonic()
-    with live_source(source) as live:
+    until = math.inf if length is None else began + length / NS
+    with live_source(source) as live, signals_held() as release:  # a stopped start leaves no file
         recorder = Recorder(
             live.store,
             out,
@@ -144,21 +147,20 @@ def command(
             queue=queue,
             **given(),
         )
-        if not as_json:
-            output.say_wrapped(f"{source} into {out}; Ctrl-C ends it", source, out)
-        _record(live, recorder, math.inf if length is None else began + length / NS)
+        with recorder, suppress(KeyboardInterrupt):  # the usual end
+            release()
+            if not as_json:
+                output.say_wrapped(f"{source} into {out}; Ctrl-C ends it", source, out)
+            _wait(live, recorder, until)
         _show(recorder, source, time.monotonic() - began, as_json=as_json)
     if recorder.lost:
         click.get_current_context().exit(1)
 
 
-def _record(live: Live, recorder: Recorder, until: float) -> None:
-    with recorder:
-        try:
-            while (left := until - time.monotonic()) > 0 and not recorder.wait(min(left, _LOOK)):
-                live.check()
-        except KeyboardInterrupt:
-            pass  # the usual end
+def _wait(live: Live, recorder: Recorder, until: float) -> None:
+    """Wait for the end of the recording."""
+    while (left := until - time.monotonic()) > 0 and not recorder.wait(min(left, _LOOK)):
+        live.check()
 
 
 def _show(recorder: Recorder, source: str, seconds: float, *, as_json: bool) -> None:

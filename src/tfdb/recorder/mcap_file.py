@@ -96,17 +96,18 @@ class McapFile:
             self._disk = _Disk(self._places[1])
             self._writer = Writer(self._disk, chunk_size=_NEVER, compression=CompressionType.ZSTD)
             try:
-                self._writer.start("ros2", f"tfdb {__version__}")
+                self._begin()
             except BaseException:
-                self._disk.close()
-                self._places[1].unlink()
+                self.remove()
                 raise
-        transforms, others = (self._schema(*each) for each in (TRANSFORMS, BYTES))
+
+    def _begin(self) -> None:
+        self._writer.start("ros2", f"tfdb {__version__}")
+        transforms, self._others = (self._schema(*each) for each in (TRANSFORMS, BYTES))
         self._tf = self._channel(TF, transforms)
         self._tf_static = self._channel(TF_STATIC, transforms, is_static=True)
-        self._commits = self._channel(COMMITS, others)
-        self._state = -1  # it names the store, which the first state tells
-        self._others = others
+        self._commits = self._channel(COMMITS, self._others)
+        self._state = -1  # the first state opens this channel, whose metadata names the store
 
     def _schema(self, name: str, text: str) -> int:
         return int(self._writer.register_schema(name, "ros2msg", text.encode()))
@@ -179,6 +180,12 @@ class McapFile:
                 raise RecordingError(self.path, reason) from None
             part.unlink(missing_ok=True)
             bring_to_disk(whole.parent)
+
+    def remove(self) -> None:
+        """Remove the file, unless it is closed."""
+        if self._disk.is_open:
+            self._disk.close()
+            self._places[1].unlink(missing_ok=True)
 
     def abandon(self) -> None:
         """Keep the flushed part under the name with `.part`, after an error."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 import os
 import threading
 import time
 import warnings
 from collections import deque
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 from tfdb._core import duration_to_nanoseconds, messages_of_commits
@@ -17,6 +18,7 @@ from tfdb.data.closable import Closable
 from tfdb.data.counting import counted
 from tfdb.data.errors import (
     FeedLapped,
+    Forked,
     Gone,
     NoSuchStore,
     RecordingError,
@@ -154,24 +156,25 @@ class Recorder(Closable):
         self._begin()
 
     def _begin(self) -> None:
-        self._watch = self._buffer.watch((), every=True)
-        self._held = self._buffer.snapshot()
-        try:
-            self._watch.next(self._held.commit, 0)  # the first call registers the watch
-            self._position = self._since = self._held.commit
-            first = self._state(0)
-            self._file = self._open()
-        except BaseException:
-            self._watch.close()
-            self._held.close()
-            raise
-        self._put(first)
         self._threads = [
             threading.Thread(target=run, name=f"tfdb recorder: {name}", daemon=True)
             for name, run in (("reads", self._read), ("writes", self._write))
         ]
-        for thread in self._threads:
-            thread.start()
+        with ExitStack() as undo:
+            self._watch = self._buffer.watch((), every=True)
+            undo.callback(self._watch.close)
+            self._held = self._buffer.snapshot()
+            undo.callback(self._held.close)
+            self._watch.next(self._held.commit, 0)  # the first call registers the watch
+            self._position = self._since = self._held.commit
+            self._put(self._state(0))
+            self._file = self._open()
+            undo.callback(self._file.remove)
+            undo.callback(self._end_threads)
+            for thread in self._threads:
+                thread.start()
+            undo.pop_all()
+        atexit.register(self.close)
 
     # -- what users see ----------------------------------------------------------------------------
 
@@ -202,15 +205,21 @@ class Recorder(Closable):
         return self._ended.is_set()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the recording has ended (`ended`); False at the timeout."""
+        """Wait until the recording has ended (`ended`); False at the timeout.
+
+        Raises Forked in a child of `fork`.
+        """
+        self._check_process()
         left = None if timeout is None else duration_to_nanoseconds(timeout, "timeout") / 1e9
         return self._ended.wait(left)
 
     def flush(self) -> int:
         """Wait until all earlier commits are flushed. Returns the last of them.
 
-        Raises the error that ended the recording, and RecordingError after its end.
+        Raises the error that ended the recording, RecordingError after its end, and Forked in a
+        child of `fork`.
         """
+        self._check_process()
         newest = self._buffer.commit
         with self._changed:
             self._awaited = max(self._awaited, newest)
@@ -223,22 +232,35 @@ class Recorder(Closable):
     def close(self) -> None:
         """Record all earlier commits, and end the file.
 
+        A recorder that is still open when the program ends is closed then. Close it before its
+        buffer: commits that it has not read by then are not recorded.
+
         Raises the error that ended the recording: OSError of the disk, RecordingError if the file
-        was removed, or an error of the buffer. A file that exists has all commits up to the error.
+        was removed, or an error of the buffer. A file that exists has all commits that were read
+        before the error.
         """
         if os.getpid() != self._process:
             return  # a child of `fork` records nothing
         is_first = not self._ending.is_set()
-        self._ending.set()
-        self._watch.close()
-        for thread in self._threads:
-            thread.join()
+        self._end_threads()
         self._held.close()
+        atexit.unregister(self.close)
         if self._error is not None:
             error, self._error = self._error, None
             raise error
         if is_first:
             self._warn()
+
+    def _end_threads(self) -> None:
+        self._ending.set()
+        self._watch.close()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join()
+
+    def _check_process(self) -> None:
+        if os.getpid() != self._process:
+            raise Forked("the recorder belongs to the parent of this process: make another here")
 
     def _warn(self) -> None:
         if self._lost:
@@ -366,8 +388,8 @@ class Recorder(Closable):
         try:
             self._write_all()
         except Exception as error:  # `close` raises it
-            self._file.abandon()
             self._fail(error)
+            self._file.abandon()
         finally:
             self._ended.set()
             with self._changed:
