@@ -242,9 +242,7 @@ def test_a_pose_that_is_not_finite_is_missing() -> None:
     buffer.set_transform("map", "far", 200, (-1e308, 0, 0))
     policy = tfdb.Extrapolate(1.0)
     assert np.isnan(buffer.lookup_edges(["far"], 900, policy)).all()
-    with pytest.raises(
-        tfdb.errors.InvalidTransform, match=r"T\[map<-far\].*not finite"
-    ) as error:
+    with pytest.raises(tfdb.errors.InvalidTransform, match=r"T\[map<-far\].*not finite") as error:
         buffer.lookup_edges(["far"], 900, policy, missing="raise")
     assert error.value.index == 0
 

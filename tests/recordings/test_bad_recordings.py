@@ -182,7 +182,7 @@ def test_topics_without_messages(recorder: Any, tmp_path: Path) -> None:
 
     with Writer(tmp_path / "a", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         writer.add_connection("/tf", "tf2_msgs/msg/TFMessage", typestore=recorder.ros2)
-    refuse(tmp_path / "a" / "a.db3", "hold no transform")
+    refuse(tmp_path / "a" / "a.db3", "have no transform")
 
 
 def test_nothing_but_refusals(recorder: Any, messages: Drive, tmp_path: Path) -> None:

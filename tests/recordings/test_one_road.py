@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 S = 10**9
 END = 2**31 * S
 FRAMES = [*(f"f{number}" for number in range(7)), "\u00e4", "/two"]
-KEEPS_NOTHING = "left out by|hold no transform|all messages were refused"
+KEEPS_NOTHING = "left out by|have no transform|all messages were refused"
 
 
 def member(random: random.Random, now: int) -> tfdb.TransformStamped:

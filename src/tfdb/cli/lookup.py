@@ -54,7 +54,7 @@ def command(
     which every edge of the path has data. With a live graph (ros1:, ros2:) the command waits for
     the transform.
 
-    The line 'limited by' names the moving edge with the widest gap or the oldest sample.
+    The line 'limited by' names the moving edge with the largest of all gaps and ages.
     """
     loaded = common.load((file, *more), there=lambda s: _is_answered(s, target, source, time))
     store = loaded.store

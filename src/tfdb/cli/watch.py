@@ -53,7 +53,8 @@ def command(
     FILE is a live graph (ros1:, ros2:) or a shared store (shm:NAME). The command watches it until
     Ctrl-C, or for the time of --for. 'tfdb check --expect' checks a recording.
 
-    Exit code: 1 after an event of severity error or stale, 0 without one, 2 on an error.
+    Exit code with --for: 1 after an event of severity error or stale, 0 without one. 130 after
+    Ctrl-C, 2 on an error.
     """
     from tfdb.judging.events import BROKEN  # noqa: PLC0415 - with its room
     from tfdb.judging.expectations import Expectations  # noqa: PLC0415

@@ -20,5 +20,7 @@ class Loss:
     bytes: int
 
     def __str__(self) -> str:
-        what = f"{counted(self.messages, 'message')} and {counted(self.bytes, 'byte')}"
-        return f"{self.path}: lost at least {what}: {self.reason}"
+        lost = {"message": self.messages, "byte": self.bytes}
+        known = " and ".join(counted(count, word) for word, count in lost.items() if count)
+        what = f"at least {known}" if known else "an unknown part"
+        return f"{self.path}: lost {what}: {self.reason}"

@@ -286,7 +286,7 @@ class Tally:
                 raise RecordingError(path, rewriter.reason())
             if not self.refused:
                 lost = "".join(f"; {loss}" for loss in self.lost)
-                raise RecordingError(path, f"its topics of transforms hold no transform{lost}")
+                raise RecordingError(path, f"its topics have no transform{lost}")
             raise RecordingError(path, f"all messages were refused; {describe_refused(refused[0])}")
         return LoadReport(
             files=files,
