@@ -1,4 +1,4 @@
-"""Ends the threads of rules after each test."""
+"""Writes commits, and ends the threads of rules after each test."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from tfdb.rules import rules
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import tfdb
+
 
 @pytest.fixture(autouse=True)
 def _close_buffers() -> Iterator[None]:
@@ -18,3 +20,10 @@ def _close_buffers() -> Iterator[None]:
     yield
     for each in list(rules._all):
         each._buffer.close()
+
+
+def put(buf: tfdb.Buffer, x: float, stamp: int | None = None, child: str = "base") -> int:
+    """Move a frame. Return the number of the commit."""
+    stamp = buf.commit + 1 if stamp is None else stamp
+    buf.set_transform("map", child, stamp, (x, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
+    return buf.commit

@@ -16,16 +16,11 @@ import numpy as np
 import pytest
 
 import tfdb
+from tests.rules.conftest import put
 from tfdb import errors
 
 if TYPE_CHECKING:
     from tfdb.rules import Event
-
-
-def put(buf: tfdb.Buffer, x: float, stamp: int | None = None, child: str = "base") -> int:
-    stamp = buf.commit + 1 if stamp is None else stamp
-    buf.set_transform("map", child, stamp, (x, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
-    return buf.commit
 
 
 def is_high(transform: tfdb.Transform) -> bool:
@@ -172,6 +167,8 @@ def test_an_action_that_raises_stores_nothing_and_stops_nothing(
         ("wrong", True, "no such height")
     ]
     assert buf.rules.stats.exceptions == 6
+    assert "the condition of rule 'wrong' raised" in caplog.text
+    assert "the action of rule 'fail' raised" in caplog.text
     assert "no such height" in caplog.text
 
 

@@ -37,13 +37,13 @@ __all__: list[str] = []
 
 LOGGER = logging.getLogger("tfdb.rules")
 _COMMITS = 256  # evaluated before rules can be added or removed
-_RENEWED = 1.0  # seconds: frames without rules keep at most this much data
+_RENEWED = 1.0  # seconds: longest hold of a snapshot, which keeps old samples in memory
 
 
 class Dispatcher:
     """Evaluates the rules of one buffer in commit order.
 
-    The lock guards the installed rules. Predicates and actions run without it. Threads run, and
+    The lock guards the installed rules. Conditions and actions run without it. Threads run, and
     keep a reference to the buffer, only while rules are installed.
     """
 
@@ -58,6 +58,7 @@ class Dispatcher:
         self._joining: list[tuple[Rule, Snapshot]] = []
         self._installed = 0
         self._is_stale = True  # `_watch` is outdated
+        self._may_sleep = False  # the thread may sleep in `_watch`
         self._watch: Watch | None = None
         self._by_subject: dict[Subject, list[Rule]] = {}
         self._held: Snapshot | None = None  # a snapshot of `_position` or earlier
@@ -70,7 +71,7 @@ class Dispatcher:
         """Install a rule, which is evaluated on later commits."""
         frames, pairs, every = _watched([rule])
         if frames or every:
-            # In the thread an import would not end with the program.
+            # An import in a daemon thread could block the end of the program.
             importlib.import_module("numpy")
         # This raises for frames that the buffer cannot watch.
         self._buffer.watch(frames, pairs, every=every).close()
@@ -80,6 +81,11 @@ class Dispatcher:
         with self._lock:
             if self.ended:
                 raise BufferClosed("the rules of this buffer have ended: it was closed")
+            if self._thread is None:  # without rules, it ends again
+                thread = threading.Thread(target=self._run, name="tfdb rules", daemon=True)
+                thread.start()
+                self._thread = thread
+            self.pool.begin()
             start = self._buffer.snapshot()
             self._installed += 1
             rule._order = self._installed
@@ -88,9 +94,6 @@ class Dispatcher:
             self.rules.append(rule)
             self._joining.append((rule, start))
             self._change()
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="tfdb rules", daemon=True)
-                self._thread.start()
 
     def remove(self, rule: Rule) -> None:
         """End a rule: none of its actions begins afterwards."""
@@ -113,9 +116,11 @@ class Dispatcher:
         while not self._is_idle():
             with self._lock:
                 newest = self._buffer.commit
-                if self._position < newest:
-                    self._change()  # commits that touch no rule do not wake the thread
-                while self._thread is not None and self._position < newest:
+                if self._position < newest:  # commits that touch no rule do not wake the thread
+                    self._is_stale = True
+                    if self._may_sleep:  # else drains in a loop would close each new watch
+                        self._change()
+                while self._is_behind(newest):
                     if not self._lock.wait(_left(until)):
                         return False
             if not self.pool.drain(_left(until)):
@@ -124,18 +129,21 @@ class Dispatcher:
 
     def _is_idle(self) -> bool:
         with self._lock:
-            evaluated = self._thread is None or self._position >= self._buffer.commit
-            return evaluated and self.pool.drain(0)
+            return not self._is_behind(self._buffer.commit) and self.pool.drain(0)
+
+    def _is_behind(self, commit: int) -> bool:
+        """Whether a new rule, or a commit up to this one, is not evaluated. The lock is held."""
+        return self._thread is not None and (bool(self._joining) or self._position < commit)
 
     def report(self, rule: Rule, event: Event | None, error: BaseException) -> None:
-        """Log and count an exception of a predicate (no event) or an action."""
+        """Log and count an exception of a condition (no event) or an action."""
         self.pool.count(rule, exceptions=1)
-        what = "predicate" if event is None else "action"
+        what = "condition" if event is None else "action"
         LOGGER.error("the %s of rule %r raised", what, rule.name, exc_info=error)
-        if (tell := self.on_error) is not None:
+        if (on_error := self.on_error) is not None:
             try:
-                tell(rule, event, error)
-            except BaseException:  # has no more effect than an exception of an action
+                on_error(rule, event, error)
+            except BaseException:  # logged, like an exception of an action
                 LOGGER.exception("on_error raised")
 
     def wake(self) -> None:
@@ -143,10 +151,15 @@ class Dispatcher:
         with self._lock:
             self._change()
 
-    def abandon(self) -> None:
-        """Remove all rules in a child of fork, which has no other threads."""
+    def in_child(self) -> Dispatcher:
+        """Remove all rules in a child of fork, which has no other threads. Keep the settings."""
         for rule in self.rules:
             rule._remove = None
+        child = Dispatcher(self._buffer)
+        child.on_error = self.on_error
+        child.log_interval = self.log_interval
+        child.pool.resize(self.pool.threads)
+        return child
 
     def _change(self) -> None:
         self._is_stale = True
@@ -173,7 +186,6 @@ class Dispatcher:
                     self.pool.forget(rule)
             self.rules = []
             self._stop()
-        self.pool.end()
 
     def _stop(self) -> None:
         for _, start in self._joining:
@@ -210,7 +222,11 @@ class Dispatcher:
             taken.close()
             return True
         last = touched[-1].commit if touched else 0
-        self._move(last if len(touched) == _COMMITS else max(taken.commit, last), taken)
+        position = max(taken.commit, last)
+        if len(touched) == _COMMITS:
+            position = last
+            self._is_stale = True  # the next step does not sleep: a drain may wait for it
+        self._move(position, taken)
         return True
 
     def _move(self, position: int, taken: Snapshot) -> None:
@@ -227,6 +243,8 @@ class Dispatcher:
 
     def _patience(self) -> float:
         """Log the counts when due. Return the seconds that the thread may sleep."""
+        if not self._may_sleep:
+            return 0.0
         if self.log_interval is None:
             return _RENEWED
         left = self._logged + self.log_interval - time.monotonic()
@@ -244,9 +262,11 @@ class Dispatcher:
             if not self.rules:
                 self._stop()
                 return None
-            if not self._is_stale:
+            # A new watch first returns what is present: a drain may wait for it.
+            self._may_sleep = not self._is_stale
+            if self._may_sleep:
                 return self._watch
-            joining, self._joining = self._joining, []
+            joining = tuple(self._joining)
             frames, pairs, every = _watched(self.rules)
             self._watch = self._buffer.watch(frames, pairs, every=every)
             self._is_stale = False
@@ -262,9 +282,11 @@ class Dispatcher:
                 for subject in rule.on:
                     if isinstance(subject, tuple):
                         self._judge(rule, subject, start, (), None, first=True)
+        with self._lock:
+            del self._joining[: len(joining)]
         return watch
 
-    def _rewind(self, joining: list[tuple[Rule, Snapshot]]) -> None:
+    def _rewind(self, joining: tuple[tuple[Rule, Snapshot], ...]) -> None:
         """Go back to the state at which the first of these rules was installed."""
         for _, start in joining[:1]:
             if self._held is None:

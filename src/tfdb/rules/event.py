@@ -47,7 +47,6 @@ class Event:
     unseen: int = 0
     """Number of commits before this one that were not evaluated, because they left the feed."""
     _due: float = field(default=0.0, repr=False)  # of time.monotonic
-    _dropped: bool = field(default=False, repr=False)
 
     @property
     def depth(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import logging
 import threading
 import time
 from collections import defaultdict, deque
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 __all__: list[str] = []
 
+LOGGER = logging.getLogger("tfdb.rules")
+
 
 class _Lane:
     """A queue of events of a rule, or a series of rules, whose actions run one at a time."""
@@ -39,18 +42,17 @@ class Pool:
         self._total = total
         self._report = report
         self.lock: threading.Condition = threading.Condition()
-        self._committing: set[Event] = set()  # their commits may be seen before `_chains` has them
+        # events whose action is committing; `_chains` lacks these commits
+        self._committing: set[Event] = set()
         self._chains: dict[int, tuple[str, ...]] = {}  # the rules that led to each commit
         self._lanes: dict[object, _Lane] = {}
-        self._waiting: defaultdict[Rule, list[Event]] = defaultdict(list)
+        self._waiting: defaultdict[Rule, dict[Event, _Lane]] = defaultdict(dict)
         self._ready: list[tuple[float, int, _Lane]] = []
         self._order = count()
         self._wanted = 4
         self._threads = 0
-        self._idle = 0
         self._running = 0
         self._rests = False
-        self._ended = False
         self._local = threading.local()
 
     @property
@@ -63,8 +65,15 @@ class Pool:
         with self.lock:
             self._wanted = threads
             for _ in self._ready:
-                self._start_thread()
+                self._start_another()
             self.lock.notify_all()
+
+    def begin(self) -> None:
+        """Start the first thread. If no other one can start, it runs all actions."""
+        with self.lock:
+            self._rests = False
+            if self._threads == 0:
+                self._start_thread()
 
     def is_its_thread(self) -> bool:
         """Whether the calling thread runs actions of this pool."""
@@ -81,8 +90,8 @@ class Pool:
         """Append an event to its lane."""
         rule = event.rule
         with self.lock:
-            if self._ended or rule.removed:
-                self._drop(event)
+            if rule.removed:
+                event.snapshot.close()
                 return
             self.count(rule, scheduled=1, pending=1)
             now = time.monotonic()
@@ -90,20 +99,21 @@ class Pool:
                 now + rule._debounce if rule._debounce else max(now, rule._began + rule._interval)
             )
             waiting = self._waiting[rule]
+            lane = self._lane_of(rule)
             if rule._merges and waiting:
-                before = waiting[-1]
+                before = next(reversed(waiting))
                 event.merged = before.merged + 1
-                self._discard(before)
+                lane = self._discard(before)
                 self.count(rule, merged=1)
             elif len(waiting) >= rule._max_pending:
                 self.count(rule, dropped=1)
                 if not rule._keeps_newest:
-                    waiting.append(event)
-                    self._discard(event)
+                    self.count(rule, pending=-1)
+                    event.snapshot.close()
                     return
-                self._discard(waiting[0])
-            waiting.append(event)
-            lane = self._lane_of(rule)
+                lane = self._discard(next(iter(waiting)))
+            # This event takes the place of a discarded one: each lane in `_ready` has an event.
+            waiting[event] = lane
             lane.events.append(event)
             if not lane.is_busy:
                 lane.is_busy = True
@@ -116,13 +126,9 @@ class Pool:
             self.count(rule, dropped=1)
         del self._waiting[rule]
         self._lanes.pop(rule, None)
-        # Lanes do not wait for the time of a discarded event.
-        self._ready = [
-            (0.0 if lane.events[0]._dropped else due, order, lane)
-            for due, order, lane in self._ready
-        ]
-        heapq.heapify(self._ready)
-        self.lock.notify_all()
+        ready, self._ready = self._ready, []
+        for _, _, lane in ready:
+            self._ready_next(lane)
 
     def chain_of(self, commit: int) -> tuple[str, ...]:
         """Return the rules that led to a commit, once it is known whether an action made it."""
@@ -144,18 +150,8 @@ class Pool:
         with self.lock:
             return self.lock.wait_for(lambda: not self._ready and self._running == 0, timeout)
 
-    def end(self) -> None:
-        """Stop running actions."""
-        with self.lock:
-            self._ended = True
-            for _, _, lane in self._ready:
-                for event in lane.events:
-                    self._drop(event)
-            self._ready.clear()
-            self.lock.notify_all()
-
     def rest(self) -> None:
-        """Let the threads end, because no rule is installed. The next event starts new ones."""
+        """Let the threads end, because no rule is installed."""
         with self.lock:
             self._rests = True
             self.lock.notify_all()
@@ -168,26 +164,28 @@ class Pool:
 
     def _make_ready(self, lane: _Lane, due: float) -> None:
         heapq.heappush(self._ready, (due, next(self._order), lane))
-        self._rests = False
-        self._start_thread()
-        self.lock.notify_all()  # threads other than workers wait for it as well
+        self._start_another()
+        self.lock.notify_all()  # `drain` waits on the same condition
+
+    def _start_another(self) -> None:
+        """Start another thread if all others are busy."""
+        if self._threads - self._running < len(self._ready) and self._threads < self._wanted:
+            try:
+                self._start_thread()
+            except RuntimeError:
+                LOGGER.exception("another thread for actions cannot start")
 
     def _start_thread(self) -> None:
-        """Start another thread if all others are busy."""
-        if self._idle < len(self._ready) and self._threads < self._wanted:
-            self._threads += 1
-            threading.Thread(target=self._work, name="tfdb rules", daemon=True).start()
+        threading.Thread(target=self._work, name="tfdb rules", daemon=True).start()
+        self._threads += 1
 
-    def _discard(self, event: Event) -> None:
-        """Discard a waiting event."""
-        self._waiting[event.rule].remove(event)
+    def _discard(self, event: Event) -> _Lane:
+        """Discard a waiting event. Return its lane."""
+        lane = self._waiting[event.rule].pop(event)
+        lane.events.remove(event)
         self.count(event.rule, pending=-1)
-        self._drop(event)
-
-    @staticmethod
-    def _drop(event: Event) -> None:
-        event._dropped = True
         event.snapshot.close()
+        return lane
 
     def _work(self) -> None:
         self._local.works = True
@@ -206,25 +204,22 @@ class Pool:
         """Wait for an event that is due. None: this thread ends."""
         with self.lock:
             while True:
-                rests = self._rests and not self._ready
-                if self._ended or rests or self._threads > self._wanted:
+                if self._rests or self._threads > self._wanted:
                     self._threads -= 1
                     return None
                 left = self._ready[0][0] - time.monotonic() if self._ready else None
                 if left is None or left > 0:
-                    self._idle += 1
                     self.lock.wait(left)
-                    self._idle -= 1
                     continue
                 _, _, lane = heapq.heappop(self._ready)
                 event = lane.events[0]
                 now = time.monotonic()
-                if event._dropped or event._due > now:
+                if event._due > now:
                     self._ready_next(lane)
                     continue
                 lane.events.popleft()
                 rule = event.rule
-                self._waiting[rule].remove(event)
+                del self._waiting[rule][event]
                 rule._began = now
                 self._running += 1
                 latency = (time.monotonic_ns() - event.scheduled) / 1e9
@@ -234,10 +229,6 @@ class Pool:
 
     def _ready_next(self, lane: _Lane) -> None:
         """Make the next event of a lane ready."""
-        if self._ended:
-            return
-        while lane.events and lane.events[0]._dropped:
-            lane.events.popleft()
         if lane.events:
             self._make_ready(lane, lane.events[0]._due)
         else:
@@ -262,19 +253,20 @@ class Pool:
 
     def _run_in_transaction(self, event: Event) -> None:
         rule = event.rule
-        attempts: list[Transaction] = []
+        is_retry = False
 
-        def attempt(transaction: Transaction) -> None:
+        def attempt(transaction: Transaction) -> Transaction:
+            nonlocal is_retry
             self._note(event)
-            self.count(rule, invoked=1, retried=bool(attempts))
-            attempts.append(transaction)
+            self.count(rule, invoked=1, retried=is_retry)
+            is_retry = True
             rule._action(event, transaction)
             with self.lock:
                 self._committing.add(event)
+            return transaction
 
         try:
-            self._buffer.run(attempt, retries=rule._retries)
-            won = attempts[-1]
+            won = self._buffer.run(attempt, retries=rule._retries)
             self._note(event, won.commit if won._has_written else None)
         except Conflict:
             self.count(rule, abandoned=1)

@@ -27,7 +27,10 @@ __all__ = ["Rules"]
 
 
 class Rules:
-    """The installed rules of a buffer, in the order of installation: `Buffer.rules`."""
+    """The installed rules of a buffer, in the order of installation: `Buffer.rules`.
+
+    A child of `fork` has these settings, but no rules.
+    """
 
     def __init__(self, buffer: Buffer) -> None:
         self._buffer = buffer
@@ -54,9 +57,9 @@ class Rules:
 
     @property
     def on_error(self) -> Callable[[Rule, Event | None, BaseException], object] | None:
-        """Function that is called with each exception of a predicate or an action.
+        """Function that is called with each exception of a condition or an action.
 
-        Its arguments are the rule, the event (None if the predicate raised) and the exception. The
+        Its arguments are the rule, the event (None if the condition raised) and the exception. The
         logger `tfdb.rules` also logs the exception.
         """
         return self._dispatcher.on_error
@@ -122,8 +125,7 @@ _all: WeakSet[Rules] = WeakSet()
 
 def _forget_parent() -> None:
     for rules in list(_all):
-        rules._dispatcher.abandon()
-        rules._dispatcher = Dispatcher(rules._buffer)
+        rules._dispatcher = rules._dispatcher.in_child()
 
 
 os.register_at_fork(after_in_child=_forget_parent)

@@ -28,7 +28,7 @@ class RuleStats:
     retried: int = 0
     """Actions that ran again after a Conflict."""
     exceptions: int = 0
-    """Predicates and actions that raised."""
+    """Conditions and actions that raised."""
     unseen: int = 0
     """Commits that were not evaluated."""
     latency_mean: float = 0.0
@@ -37,14 +37,16 @@ class RuleStats:
     execution_mean: float = 0.0
     """Mean duration of an action in seconds, including retries."""
     execution_max: float = 0.0
+    begun: int = field(default=0, repr=False)
+    """Events whose action has begun."""
     ended: int = field(default=0, repr=False)
     """Events whose action has ended."""
 
     def began(self, latency: float) -> None:
         """Count the first attempt of an action."""
         self.pending -= 1
-        begun = self.ended + 1
-        self.latency_mean += (latency - self.latency_mean) / begun
+        self.begun += 1
+        self.latency_mean += (latency - self.latency_mean) / self.begun
         self.latency_max = max(self.latency_max, latency)
 
     def ended_after(self, seconds: float) -> None:
