@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -11,21 +12,25 @@ import pytest
 
 import tfdb
 from tests.net.conftest import LONGEST, free_endpoint, memory_links, needs_zenoh
+from tests.net.memory_link import MemoryLink, Network
 from tests.recorder.reading import state_of
 from tests.test_changes import Writer, pose
 from tfdb.data.types import Epoch
+from tfdb.net.events import EventLog, NetEvents
 from tfdb.net.home import Home, publish, publishes
 from tfdb.net.link import Token, check_network_name, name_of, status_key, token_of
-from tfdb.net.messages import in_epoch
+from tfdb.net.messages import NONE, Head, head_bytes, in_epoch
 from tfdb.net.mirroring import Mirror, mirror
+from tfdb.net.receiving import Receiver
 from tfdb.net.sending import epoch_after, epoch_for, step_back, take_over
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from tfdb.net.events import Event, NetEvents
+    from tfdb.net.events import Event
     from tfdb.net.link import Link
+    from tfdb.net.messages import Question
 
     Links = Callable[[], Link]
 
@@ -630,6 +635,126 @@ def test_events_are_read_by_coroutines_and_end_with_the_mirror() -> None:
         events.close()
         with pytest.raises(tfdb.errors.StreamClosed, match="call events"):
             events.read_next()
+
+
+class SeenLog(EventLog):
+    """Sets an event when a stream has looked for an event."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self.seen = threading.Event()
+
+    def after(self, number: int) -> tuple[int, Event | None]:
+        found = super().after(number)
+        self.seen.set()
+        return found
+
+
+async def begin_read(log: SeenLog, events: NetEvents) -> asyncio.Task[Event]:
+    """Begin to wait for an event."""
+    reading = asyncio.create_task(anext(events))
+    while not log.seen.is_set():
+        await asyncio.sleep(0)
+    return reading
+
+
+def test_a_cancelled_read_of_events_takes_none_and_has_no_thread() -> None:
+    async def read() -> list[str]:
+        log = SeenLog()
+        with NetEvents(log) as events:
+            reading = await begin_read(log, events)
+            assert not [each for each in threading.enumerate() if each.name.startswith("asyncio")]
+            reading.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await reading
+            log.add("live", "one")
+            log.add("stale", "two")
+            return [(await anext(events)).text for _ in range(2)]
+
+    assert asyncio.run(read()) == ["one", "two"]
+
+
+@pytest.mark.parametrize("change", ["event", "end of the stream", "end of the log"])
+def test_another_thread_wakes_a_coroutine_that_reads_events(change: str) -> None:
+    async def read() -> str:
+        log = SeenLog()
+        events = NetEvents(log)
+        reading = await begin_read(log, events)
+        act = {"event": lambda: log.add("live", "one"), "end of the stream": events.close}
+        await asyncio.to_thread(act.get(change, log.close))
+        try:
+            return (await asyncio.wait_for(reading, LONGEST)).text
+        except StopAsyncIteration:
+            return "ended"
+
+    assert asyncio.run(read()) == ("one" if change == "event" else "ended")
+
+
+def test_a_message_that_arrives_while_the_counts_are_read_is_processed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stepped, asked = threading.Event(), threading.Event()
+
+    def due(receiver: Receiver, now: float) -> float:
+        stepped.set()
+        return 10 * LONGEST
+
+    def answer(question: Question) -> list[bytes]:
+        asked.set()
+        return []
+
+    monkeypatch.setattr(Receiver, "due", due)
+    link = Network().link()
+    link.serve(NAME, answer)
+    with Mirror(tfdb.Buffer(), NAME, link) as mirror:
+        assert stepped.wait(LONGEST)
+        with mirror._lock:  # as `stats` does
+            link.declared[f"{NAME}/log"][0](head_bytes(Head(Epoch(5, b"x" * 16), 7, NONE, 0)))
+        assert asked.wait(LONGEST)
+    link.network.close()
+
+
+def test_a_faster_writer_does_not_delay_the_end_of_a_home() -> None:
+    class WritingLink(MemoryLink):
+        """Stores a commit whenever one is sent."""
+
+        def send(self, name: str) -> tuple[Callable[[bytes], None], Any]:
+            def put(data: bytes) -> None:
+                is_writing.set()
+                if not is_over.is_set():
+                    store.set_transform("map", "base", store.commit + 1, *pose(1))
+
+            return put, self.declare(f"{name}/publisher", put)
+
+    network, store = Network(), tfdb.Buffer()
+    is_writing, is_over = threading.Event(), threading.Event()
+    home = new_home(store, WritingLink(network), max_delay=0.0)
+    closing = threading.Thread(target=home.close)
+    try:
+        assert is_writing.wait(LONGEST)
+        closing.start()
+        closing.join(LONGEST)
+        assert not closing.is_alive()
+    finally:
+        is_over.set()
+        closing.join()
+        network.close()
+
+
+def test_a_mirror_closes_its_own_session_although_its_promotion_failed() -> None:
+    network = Network()
+    link, owned = network.link(), network.link()
+    mirror = Mirror(tfdb.Buffer(), NAME, link, owned=owned)
+
+    def fail(name: str) -> Any:
+        raise ConnectionError("no router")
+
+    link.send = fail  # type: ignore[method-assign]
+    with pytest.raises(ConnectionError):
+        mirror.promote(force=True)
+    mirror.close()
+    assert owned.closed
+    network.close()
 
 
 @pytest.mark.parametrize(

@@ -508,6 +508,33 @@ def test_a_session_that_is_closed_first_ends_its_home() -> None:
         assert isinstance(home.error, tfdb.InvalidArgument)
 
 
+def test_a_link_at_the_end_of_the_process_makes_no_call() -> None:
+    link: Any = tfdb.net.Session(listen=free_endpoint()).link
+    link.end()
+    link.watch(NAME, print).undeclare()
+    assert link.statuses(NAME, 0.01) == []
+
+
+def test_a_process_that_may_open_no_files_raises_an_oserror() -> None:
+    code = """
+import os, resource, sys
+import tfdb.net.zenoh_link
+from tfdb.net import Session
+free = os.dup(0)
+os.close(free)
+resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
+try:
+    Session(listen=sys.argv[1])
+except OSError as error:
+    print(type(error).__name__, error)
+"""
+    command = [sys.executable, "-c", code, free_endpoint()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LONGEST)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("OSError Zenoh cannot open a session (Failed to init")
+    assert "ulimit -n" in done.stdout
+
+
 def test_nothing_listens_unless_asked() -> None:
     endpoint = free_endpoint()
     with tfdb.net.Session(listen=endpoint):

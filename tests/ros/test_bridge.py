@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import signal
 import threading
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
@@ -575,6 +576,61 @@ def test_a_forked_child_does_not_keep_a_graph(new_store: Callable[[str], tfdb.Bu
     finally:
         for pipe in (begun, begin, ended, end):
             os.close(pipe)
+
+
+class SlowName(str):
+    """A name of a graph that another thread is claiming."""
+
+    hashed, goes_on = threading.Event(), threading.Event()
+
+    def __hash__(self) -> int:
+        self.hashed.set()
+        self.goes_on.wait()
+        return super().__hash__()
+
+
+def test_a_forked_child_may_claim_while_another_thread_of_its_parent_does() -> None:
+    from tfdb.bridge.claim import Claim
+
+    store, name = tfdb.Buffer(), SlowName("slow")
+    thread = threading.Thread(target=lambda: Claim(store, name).close())
+    thread.start()
+    assert name.hashed.wait(LIMIT)
+    child = os.fork()
+    if child == 0:
+        signal.alarm(int(LIMIT))
+        Claim(store, "graph").close()
+        os._exit(0)
+    name.goes_on.set()
+    thread.join()
+    assert os.waitpid(child, 0)[1] == 0
+
+
+def test_a_bridge_that_ended_by_an_error_stores_no_messages(
+    wire: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tfdb.bridge import Bridge
+    from tfdb.bridge.sending import CommitSender
+
+    def fail(sender: CommitSender) -> None:
+        raise tfdb.errors.NoSuchStore("the store was removed")
+
+    store = tfdb.Buffer()
+    with node(wire, "bridged") as bridged, node(wire, "other") as other:
+        with monkeypatch.context() as patched:
+            patched.setattr(CommitSender, "run", fail)
+            first = Bridge(store, bridged)
+            with pytest.raises(tfdb.errors.NoSuchStore):
+                first.wait(LIMIT)
+        with Bridge(store, bridged) as second:
+            publisher = other.advertise("/tf", TF)
+            heard = Heard()
+            bridged.subscribe("/tf", TF, heard)
+            published_until_heard(publisher, heard, message(1))
+            arrive_from_graph(store, "base")
+            assert second.stats.received > 0
+            assert first.stats.received == 0
+        first.close()
 
 
 def test_a_store_that_is_only_read_is_refused(

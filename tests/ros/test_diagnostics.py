@@ -41,6 +41,27 @@ def test_the_bytes_are_read_by_rosbags(cdr: bool) -> None:
     assert list(decoded(encode_diagnostics(0, [], cdr=cdr), cdr=cdr).status) == []
 
 
+@pytest.mark.parametrize(
+    ("stamp", "cdr", "expected"),
+    [
+        ((1 << 31) * S - 1, True, ((1 << 31) - 1, S - 1)),
+        ((1 << 31) * S, True, ((1 << 31) - 1, S - 1)),
+        ((1 << 61) - 1, True, ((1 << 31) - 1, S - 1)),
+        ((1 << 61) - 1, False, divmod((1 << 61) - 1, S)),
+        ((1 << 63) - 1, False, ((1 << 32) - 1, S - 1)),
+        (-1, True, (0, 0)),
+        (-1, False, (0, 0)),
+    ],
+)
+def test_a_stamp_outside_the_range_becomes_the_nearest_one(
+    stamp: int, cdr: bool, expected: tuple[int, int]
+) -> None:
+    found = decoded(encode_diagnostics(stamp, [], cdr=cdr), cdr=cdr)
+    time = found.header.stamp
+    seconds = time.sec if cdr else time.sec % (1 << 32)  # rosbags reads those of ROS 1 as signed
+    assert (seconds, time.nanosec) == expected
+
+
 def test_watch_publishes_diagnostics(ros1: str, tmp_path: Path) -> None:
     file = tmp_path / "e.toml"
     file.write_text('version = 1\n[[edge]]\nparent = "odom"\nchild = "base"\n')

@@ -411,6 +411,94 @@ def test_a_forked_child_ends_beside_a_held_lock_and_leaves_the_node_registered(r
     assert (child.stdout, child.stderr) == ("7 True\n", "")
 
 
+CLOSES = """
+import signal, sys, threading
+from socketserver import ThreadingMixIn
+from xmlrpc.server import SimpleXMLRPCServer
+from tfdb.errors import NodeClosed
+from tfdb.ros.tcpros_node import TcprosNode
+from tfdb.ros.tcpros_subscription import Link
+
+
+class Master(ThreadingMixIn, SimpleXMLRPCServer):
+    daemon_threads = True
+
+
+def register(_, name, *more):
+    if what in ("subscribe", "advertise", "serve"):
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGTERM)
+        was_unregistered.wait()
+    registered.add(name)
+    return [1, "", ["http://127.0.0.1:9/"]]
+
+
+def unregister(_, name, *more):
+    registered.discard(name)
+    was_unregistered.set()
+    return [1, "", 1]
+
+
+class Peer:
+    def send(self, data):
+        signal.raise_signal(signal.SIGTERM)
+
+    def close(self):
+        pass
+
+
+def start(link):
+    links.append(link)
+    signal.raise_signal(signal.SIGTERM)
+    begin(link)
+
+
+def end(*_):
+    node.close()
+    if is_exiting:
+        sys.exit()
+
+
+what, is_exiting = sys.argv[1], sys.argv[2] == "exit"
+registered, was_unregistered, links = set(), threading.Event(), []
+master = Master(("127.0.0.1", 0), logRequests=False)
+master.register_function(lambda *_: [0, "", 0], "getParam")
+for kind in ("Publisher", "Subscriber", "Service"):
+    master.register_function(register, f"register{kind}")
+    master.register_function(unregister, f"unregister{kind}")
+threading.Thread(target=master.serve_forever, daemon=True).start()
+uri = f"http://127.0.0.1:{master.server_address[1]}/"
+node = TcprosNode("closes", master=uri, arguments=[])
+signal.signal(signal.SIGTERM, end)
+begin, Link.start = Link.start, start if what == "connect" else Link.start
+try:
+    if what in ("subscribe", "connect"):
+        node.subscribe("in", "tf2_msgs/TFMessage", print)
+    elif what == "serve":
+        node.serve("asked", "tf2_msgs/FrameGraph", bytes)
+    else:
+        publisher = node.advertise("out", "tf2_msgs/TFMessage")
+        if what == "publish":
+            node._advertised["/out"]._peers.append(Peer())
+            publisher.publish(b"")
+            node.advertise("more", "tf2_msgs/TFMessage")
+except (NodeClosed, SystemExit) as error:
+    print(type(error).__name__, sorted(registered), end=" ")
+for link in links:
+    link.join(None)
+print("ended")
+"""
+
+
+@pytest.mark.parametrize("how", ["return", "exit"])
+@pytest.mark.parametrize("what", ["subscribe", "connect", "advertise", "publish", "serve"])
+def test_a_signal_handler_closes_the_node_in_the_middle_of_a_call(what: str, how: str) -> None:
+    command = [sys.executable, "-c", CLOSES, what, how]
+    child = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+    assert child.stderr == ""
+    error = "NodeClosed" if how == "return" else "SystemExit"
+    assert child.stdout == f"{error} [] ended\n"
+
+
 def test_one_topic_has_one_type_in_a_node(node: TcprosNode) -> None:
     node.subscribe("mixed", TF, Heard())
     node.subscribe("mixed", "tf/tfMessage", Heard())

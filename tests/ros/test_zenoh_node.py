@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import socket
+import threading
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -258,6 +259,32 @@ def test_the_page(router: Any, capsys: pytest.CaptureFixture[str]) -> None:
     shown = capsys.readouterr().out
     assert "x=1.25" in shown
     assert "received=1" in shown
+
+
+def test_a_failed_subscription_leaves_no_thread(router: Any) -> None:
+    import zenoh
+
+    with node("fails") as fails:
+        fails._link._session.close()
+        with pytest.raises(zenoh.ZError):
+            fails.subscribe("/unheard", TF, Heard())
+    assert not [each for each in threading.enumerate() if each.name == "tfdb ROS /unheard"]
+
+
+def test_a_node_closes_although_zenoh_does_not(router: Any) -> None:
+    import zenoh
+
+    class Session:
+        """A session that does not reach its router."""
+
+        def close(self) -> None:
+            raise zenoh.ZError("timeout")
+
+    closes = node("closes")
+    session, closes._link._session = closes._link._session, Session()
+    closes.close()
+    assert closes.closed
+    session.close()
 
 
 def test_tokens_and_gids() -> None:

@@ -173,6 +173,7 @@ class Bridge(Closable):
         except Exception as error:  # `wait` raises it
             self._error = error
         finally:
+            self._listener.unregister()
             self._sender.close()
             self._claim.close()
             self._ended.set()

@@ -6,7 +6,6 @@ import fcntl
 import hashlib
 import os
 import struct
-import threading
 import weakref
 from typing import TYPE_CHECKING
 
@@ -18,9 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Claim"]
 
-_lock = threading.Lock()
-_private: set[tuple[int, str]] = set()
-"""Private buffers, with the graphs to which they have a bridge."""
+_private: dict[tuple[int, str], Claim] = {}
+"""Claims of private buffers, by the buffer's id and the graph.
+
+It has no lock, because a forked child could find it held.
+"""
 
 
 class Claim(Closable):
@@ -34,10 +35,11 @@ class Claim(Closable):
         self._buffer = buffer  # while it is referenced, no other object has its id
         self._key = id(buffer), origin
         self._file = _opened(buffer)
-        self._is_private = self._file is None and _add(self._key)
         _open.add(self)
         if not (
-            self._is_private if self._file is None else _set_lock(self._file, origin, fcntl.F_WRLCK)
+            _private.setdefault(self._key, self) is self
+            if self._file is None
+            else _set_lock(self._file, origin, fcntl.F_WRLCK)
         ):
             self.leave()
             text = (
@@ -50,10 +52,8 @@ class Claim(Closable):
         if self._file is not None:
             _set_lock(self._file, self._key[1], fcntl.F_UNLCK)  # also in forked children
             self.leave()
-        if self._is_private:
-            self._is_private = False
-            with _lock:
-                _private.discard(self._key)
+        if _private.get(self._key) is self:
+            del _private[self._key]
 
     def leave(self) -> None:
         """Close the file in this process; forked processes keep theirs."""
@@ -70,13 +70,6 @@ def _opened(buffer: Buffer) -> int | None:
         return os.open(buffer.shared.path, os.O_RDWR | os.O_CLOEXEC)
     except FileNotFoundError:  # the store was removed
         return None
-
-
-def _add(key: tuple[int, str]) -> bool:
-    with _lock:
-        is_new = key not in _private
-        _private.add(key)
-        return is_new
 
 
 def _set_lock(file: int, origin: str, kind: int) -> bool:

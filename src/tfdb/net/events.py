@@ -7,12 +7,15 @@ import logging
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from tfdb.data.errors import StreamClosed
 from tfdb.streams.reader import Reader, deadline
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import tfdb.data.types
     from tfdb.data.types import Epoch
 
@@ -69,6 +72,8 @@ class EventLog:
     def __init__(self, name: str) -> None:
         self.name: str = name
         self.changed: threading.Condition = threading.Condition()
+        self.wakes: set[Callable[[], None]] = set()
+        """Functions that wake coroutines. `changed` guards them."""
         self.closed: bool = False
         self._events: deque[Event] = deque(maxlen=_KEPT)
         self._count = 0
@@ -86,13 +91,19 @@ class EventLog:
         with self.changed:
             self._events.append(event)
             self._count += 1
-            self.changed.notify_all()
+            self.wake()
 
     def close(self) -> None:
         """End the reads after all events were read."""
         with self.changed:
             self.closed = True
-            self.changed.notify_all()
+            self.wake()
+
+    def wake(self) -> None:
+        """Wake all waiting reads, under `changed`."""
+        self.changed.notify_all()
+        for wake in tuple(self.wakes):
+            wake()
 
     def after(self, number: int) -> tuple[int, Event | None]:
         """Return the next stored event after the first `number` events, and its own number."""
@@ -149,13 +160,24 @@ class NetEvents(Reader[Event]):
         """End the reads in all threads. A second call does nothing."""
         with self._log.changed:
             self._closed = True
-            self._log.changed.notify_all()
+            self._log.wake()
 
     async def __anext__(self) -> Event:
-        while True:
-            try:
-                event = await asyncio.to_thread(self.read_next, 1.0)
-            except StreamClosed:
-                raise StopAsyncIteration from None
-            if event is not None:
-                return event
+        loop, changed = asyncio.get_running_loop(), asyncio.Event()
+
+        def wake() -> None:
+            with suppress(RuntimeError):  # a closed loop has no waiting coroutine
+                loop.call_soon_threadsafe(changed.set)
+
+        with self._log.changed:
+            self._log.wakes.add(wake)
+        try:
+            while (event := self.read_next()) is None:
+                await changed.wait()
+                changed.clear()
+        except StreamClosed:
+            raise StopAsyncIteration from None
+        finally:
+            with self._log.changed:
+                self._log.wakes.discard(wake)
+        return event

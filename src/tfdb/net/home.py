@@ -28,7 +28,7 @@ from tfdb.data.path_checks import check_path
 from .events import EventLog, NetEvents
 from .link import Token, check_network_name
 from .messages import Head, Told, in_epoch, message_of, status_bytes
-from .sending import Sender, epoch_for
+from .sending import UNLIMITED, Sender, epoch_for
 from .sending import take_over as take_over_store
 
 if TYPE_CHECKING:
@@ -51,7 +51,6 @@ _UNSEEN = 2.0
 """Seconds within which a home must receive its own token."""
 _LOOK = 0.01
 """Seconds between two checks, if this process may not wait for commits."""
-_ALL = 1 << 30
 _TAKEN = "exists already; give keep_lost (--keep-lost) the name of a new file"
 _LAST_WORD = 2.0
 """Seconds that a stopping home waits for the head of the later home."""
@@ -215,8 +214,8 @@ class Home(Closable):
             self._wait(due)
 
     def _send_all(self) -> int:
-        sent = 0
-        while self._later is None:
+        sent, last = 0, self._buffer.commit  # a faster writer must not delay heads and the end
+        while self._later is None and self._sender.commit < last:
             before, lapped = self._sender.commit, self._sender.lapped
             message = self._sender.next()
             if message is None:
@@ -320,7 +319,9 @@ class Home(Closable):
             data, what = b"", "the whole state"
             if fork is not None:
                 try:
-                    data = self._buffer.commits_bytes(fork, max_commits=_ALL, max_bytes=_ALL)
+                    data = self._buffer.commits_bytes(
+                        fork, max_commits=UNLIMITED, max_bytes=UNLIMITED
+                    )
                     what = "them"
                 except (FeedLapped, Gone):
                     what += ", because not all of them are kept any more"

@@ -86,7 +86,8 @@ class Mirror(Closable):
         self._was_live = False
         self._is_closing, self._wake = False, threading.Event()
         self._changed = threading.Condition()
-        # Threads of the link append. The thread with the lock feeds the receiver.
+        # Threads of the link append. The thread with the lock feeds the receiver. If it is locked,
+        # the mirror's thread does so next.
         self._lock = threading.Lock()
         self._inbox: deque[bytes] = deque(maxlen=_MOST_WAITING)
         self._request: Request | None = None
@@ -237,8 +238,7 @@ class Mirror(Closable):
         known = [token.epoch for _, token in tokens]
         epoch = epoch_after(max([*known, self._receiver.known]))
         origin = take_over(self._buffer, self._name, epoch)
-        owned, self._owned = self._owned, None
-        return Home(
+        home = Home(
             self._buffer,
             self._name,
             self._link,
@@ -246,8 +246,10 @@ class Mirror(Closable):
             max_delay=delay,
             origin=origin,
             keep_lost=lost,
-            owned=owned,
+            owned=self._owned,
         )
+        self._owned = None  # the home closes it
+        return home
 
     def _check_promotion(self, *, force: bool) -> None:
         text = f"the mirror of {self._name!r} cannot be promoted: "
@@ -296,12 +298,13 @@ class Mirror(Closable):
                 self._wake.set()
             return
         self._inbox.append(data)
-        # A thread that held the lock checks the inbox again after its release.
-        while self._inbox and self._lock.acquire(blocking=False):
-            try:
-                self._feed()
-            finally:
-                self._lock.release()
+        if not self._lock.acquire(blocking=False):
+            self._wake.set()
+            return
+        try:
+            self._feed()
+        finally:
+            self._lock.release()
 
     def _on_token(self, token: Token, alive: bool) -> None:
         self._tokens.append((token, alive))

@@ -68,7 +68,7 @@ class Receiver:
         """The latest received epoch. Messages of earlier epochs are ignored."""
         self.state: Kind = "absent"
         self._missed_at = math.inf
-        self._is_told = False
+        self._absence_is_logged = False
         self.since: float | None = None
         """If the state is `stale`: the time of the home's last message."""
         self.lacking_since: float | None = None
@@ -191,10 +191,10 @@ class Receiver:
         lacks = state == "catching up" and self._is_behind()
         self.gaps += lacks and not self._lacks and self.position is not None
         self._lacks = lacks
-        if state == "absent" and not self._is_told:
+        if state == "absent" and not self._absence_is_logged:
             self._missed_at = min(self._missed_at, now + SILENCE)
             if now >= self._missed_at:
-                self._is_told = True
+                self._absence_is_logged = True
                 self._log.add(state, self._sentence(state))
         if state != self.state:
             self.state = state

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 GROUP = 64
 """Largest number of commits in a message; an answer may have more."""
-_ALL = 1 << 30
+UNLIMITED = 1 << 30
+"""A number of commits or bytes that no message reaches."""
 
 
 def epoch_for(buffer: Buffer, source: str, seen: Iterable[Epoch]) -> Epoch:
@@ -157,7 +158,7 @@ class Sender:
         found: list[bytes] = []
         size = 0
         while size < LIMIT:
-            data = self._buffer.commits_bytes(since, max_commits=_ALL, max_bytes=PIECE)
+            data = self._buffer.commits_bytes(since, max_commits=UNLIMITED, max_bytes=PIECE)
             if not data:
                 break
             since = numbers_of(data)[1]

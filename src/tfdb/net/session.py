@@ -65,7 +65,7 @@ class Session(Closable):
     TypeError
         `connect` or `listen` is neither a text nor a sequence of texts.
     OSError
-        The file cannot be read.
+        The file cannot be read, or the process may not open enough files.
     """
 
     def __init__(

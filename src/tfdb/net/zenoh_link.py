@@ -46,7 +46,7 @@ _LAST_CALLS = 5.0
 
 
 def open_link(data: zenoh.Config, tokens: zenoh.Config, where: str) -> ZenohLink:
-    """Open the sessions. Raises ConnectionError."""
+    """Open the sessions. Raises ConnectionError, or OSError if Zenoh panics."""
     first = _open(data, where)
     try:
         return ZenohLink(first, _open(tokens, where))
@@ -65,6 +65,11 @@ def _open(config: zenoh.Config, where: str) -> zenoh.Session:
             text = f"cannot listen at {', '.join(here)}: another program listens there, or this "
             text += "machine does not have the address"
         raise ConnectionError(text) from error
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # Zenoh's package does not export it
+            raise
+        text = f"Zenoh cannot open a session ({error}): check the limit of open files (ulimit -n)"
+        raise OSError(text) from error
 
 
 def _close(session: zenoh.Session) -> None:
@@ -241,7 +246,8 @@ class ZenohLink:
                 take(token, sample.kind == zenoh.SampleKind.PUT)
 
         declare = self._tokens.liveliness().declare_subscriber
-        return self._declared(declare(tokens_key(name, "home"), self._direct(seen), history=True))
+        key, called = tokens_key(name, "home"), self._direct(seen)
+        return self._declared(self._call(declare, key, called, history=True))
 
     def tokens(self, name: str) -> list[tuple[str, Token]]:
         """See `Link`."""
@@ -281,7 +287,8 @@ class ZenohLink:
                 found.append((name_of(str(reply.ok.key_expr)), reply.ok.payload.to_bytes()))
 
         for role, end in zip(_ROLES, ended, strict=True):
-            self._data.get(
+            self._call(
+                self._data.get,
                 status_key(name, role),
                 zenoh.handlers.Callback(take, end.set, indirect=False),
                 target=zenoh.QueryTarget.ALL,
@@ -290,7 +297,7 @@ class ZenohLink:
                 timeout=timeout,
             )
         for end in ended:
-            end.wait()
+            end.wait(timeout)  # at the end of the process, no answer comes
         return list(found)
 
     def renew(self) -> None:

@@ -7,6 +7,7 @@ import threading
 import time
 import weakref
 from abc import ABC, abstractmethod
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from tfdb.data.closable import Closable
@@ -104,8 +105,9 @@ os.register_at_fork(after_in_child=open_nodes.clear)
 
 
 def _close_all() -> None:
-    for node in list(open_nodes):
-        node.close()
+    with ExitStack() as stack:  # it closes all nodes, even if one of them raises
+        for node in list(open_nodes):
+            stack.callback(node.close)
 
 
 # A process waits at its end for Python threads, such as those of a node, before `atexit` functions

@@ -27,7 +27,13 @@ class DiagnosticStatus:
 
 
 def encode_diagnostics(stamp: int, statuses: Sequence[DiagnosticStatus], *, cdr: bool) -> bytes:
-    """Return the bytes; `cdr`: for ROS 2, with the encapsulation header."""
+    """Return the bytes; `cdr`: for ROS 2, with the encapsulation header.
+
+    The nearest stamp that the message can hold replaces a stamp before 1970, or after 2038 (ROS 2)
+    or 2106 (ROS 1): a report is more useful than its exact time.
+    """
+    seconds = 1 << (31 if cdr else 32)
+    stamp = min(max(stamp, 0), seconds * NS - 1)
     out = _Writer(cdr=cdr)
     if not cdr:
         out.number(0)

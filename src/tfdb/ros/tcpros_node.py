@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
-from typing import TYPE_CHECKING, Any
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tfdb.data.errors import InvalidArgument, MasterRefused, NodeClosed, NoMaster
 
@@ -19,13 +20,14 @@ from .tcpros_server import AdvertisedTopic, Peer, ServedName, TcprosServer
 from .tcpros_subscription import OnMessage, SubscribedTopic
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from .node import Encoding, Flavor, Publisher, Service, Subscription
 
 __all__ = ["TcprosNode"]
 
 LAST_CALLBACKS_SECONDS = 1.0
+_Entry = TypeVar("_Entry", SubscribedTopic, AdvertisedTopic, ServedName)
 
 
 class TcprosNode(ClockedNode):
@@ -67,7 +69,7 @@ class TcprosNode(ClockedNode):
         super().__init__(names.node, simulated=bool(self._master.parameter("/use_sim_time")))
         self.graph: str = f"ros1:{self._master.uri}".rstrip("/")
         """Name of its graph, such as `ros1:http://localhost:11311`."""
-        self._registering = threading.Lock()
+        self._registering = threading.RLock()  # a signal handler may close the node meanwhile
         self._subscribed: dict[str, SubscribedTopic] = {}
         self._advertised: dict[str, AdvertisedTopic] = {}
         self._senders: dict[str, list[_Publisher]] = {}
@@ -116,7 +118,9 @@ class TcprosNode(ClockedNode):
                     _check_same(full, there.kind, wanted)
                     there.users += 1
             if there is None:
-                self._begin_topic(SubscribedTopic(full, wanted, self.name, on_message))
+                made = SubscribedTopic(full, wanted, self.name, on_message)
+                with self._adding(self._subscribed, made):
+                    made.update(self._master.register_subscriber(full, wanted.name, self.uri))
         if there is not None:
             there.add(on_message)
         return _Subscription(self, full, on_message)
@@ -149,14 +153,8 @@ class TcprosNode(ClockedNode):
                         )
             if advertised is None:
                 advertised = AdvertisedTopic(full, wanted, self.name, latched=latched, depth=depth)
-                with self._lock:
-                    self._advertised[full] = advertised
-                try:
+                with self._adding(self._advertised, advertised):
                     self._master.register_publisher(full, kind, self.uri)
-                except (NoMaster, MasterRefused):
-                    with self._lock:
-                        del self._advertised[full]
-                    raise
             publisher = _Publisher(self, advertised)
             with self._lock:
                 self._senders.setdefault(full, []).append(publisher)
@@ -175,15 +173,8 @@ class TcprosNode(ClockedNode):
                 self._check_open()
                 if full in self._served:
                     raise InvalidArgument(f"this node already serves {full}", value=full)
-                served = ServedName(full, wanted, self.name, answer)
-                self._served[full] = served
-            try:
+            with self._adding(self._served, ServedName(full, wanted, self.name, answer)):
                 self._master.register_service(full, self._service_uri, self.uri)
-            except (NoMaster, MasterRefused):
-                with self._lock:
-                    del self._served[full]
-                served.close()
-                raise
         return _Service(self, full)
 
     @property
@@ -267,16 +258,26 @@ class TcprosNode(ClockedNode):
             self.close()
             raise
 
-    def _begin_topic(self, topic: SubscribedTopic) -> None:
+    @contextmanager
+    def _adding(self, entries: dict[str, _Entry], entry: _Entry) -> Iterator[None]:
+        """Add an entry, which the block registers at the master.
+
+        Remove it if the master refuses it, or if a signal handler closes the node in the block.
+        """
         with self._lock:
-            self._subscribed[topic.name] = topic
+            entries[entry.name] = entry
         try:
-            uris = self._master.register_subscriber(topic.name, topic.kind.name, self.uri)
-        except (NoMaster, MasterRefused):
+            try:
+                yield
+            finally:
+                if self._end:  # the master may have read the registration last
+                    self._unregister(self._subscribed, self._advertised, self._served)
+            self._check_open()
+        except (NoMaster, MasterRefused, NodeClosed):
             with self._lock:
-                del self._subscribed[topic.name]
+                del entries[entry.name]
+            entry.close()
             raise
-        topic.update(uris)
 
     def _accept(self, peer: Peer, fields: dict[str, str]) -> None:
         """Pass a peer to the topic or service in its header."""
@@ -305,7 +306,7 @@ class TcprosNode(ClockedNode):
                     return
                 del self._subscribed[topic]
             self._unregister([topic], [], [])
-        subscribed.close(0.0)
+        subscribed.close()
 
     def _leave_publisher(self, publisher: _Publisher, topic: AdvertisedTopic) -> None:
         with self._registering:

@@ -42,7 +42,7 @@ class Peer:
         self.dropped: int = 0
         """Number of dropped frames, because the peer was too slow."""
         self._loop, self._connection = loop, connection
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a signal handler may close the node in any call
         self._waiting: deque[bytes] = deque()
         self._begun: memoryview | None = None  # the rest of the frame that is being sent
         self._blocked = self._closed = False
@@ -98,6 +98,7 @@ class Peer:
                 self._waiting.append(data)
             if self._blocked:
                 return
+            self._blocked = True  # a signal handler that sends meanwhile only appends
             try:
                 self._blocked = not self._flush()
             except OSError:
@@ -112,7 +113,6 @@ class Peer:
             if self._closed:
                 return
             self._closed = True
-            self._waiting.clear()
         self._loop.soon(lambda: self._loop.forget(self._connection))
         if self._on_close is not None:
             self._on_close(self)
@@ -192,7 +192,7 @@ class AdvertisedTopic:
                 "type": kind.name,
             }
         )
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # as in Peer
         self._peers: list[Peer] = []
         self._last: dict[object, bytes] = {}
         self._closed = False

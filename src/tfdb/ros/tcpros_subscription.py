@@ -176,7 +176,7 @@ class SubscribedTopic:
         )
         """The header for each publisher."""
         self._turn = threading.RLock()  # guards the callbacks
-        self._lock = threading.Lock()  # guards the links and changes of the callbacks
+        self._lock = threading.RLock()  # guards the links and changes of the callbacks
         self._callbacks: tuple[OnMessage, ...] = (callback,)
         self._failed: set[tuple[OnMessage, str]] = set()
         self._links: dict[str, Link] = {}
@@ -226,18 +226,18 @@ class SubscribedTopic:
     def update(self, uris: Iterable[str]) -> None:
         """Connect to these publishers only."""
         with self._lock:
-            if self._closed:
-                return
             wanted = dict.fromkeys(uris)
             gone = [self._links.pop(uri) for uri in list(self._links) if uri not in wanted]
-            new = [uri for uri in wanted if uri not in self._links]
-            for uri in new:
-                self._links[uri] = Link(self, uri)
-                self._links[uri].start()
+            new = {uri: Link(self, uri) for uri in wanted if uri not in self._links}
+            self._links.update(new)
+        if self._closed:  # before, or by a signal handler meanwhile
+            self.close()
         for link in gone:
             link.close()
+        for link in new.values():
+            link.start()
 
-    def close(self, seconds: float) -> None:
+    def close(self, seconds: float = 0.0) -> None:
         """Disconnect from all publishers; wait up to that time for running callbacks."""
         with self._lock:
             self._closed = True

@@ -115,7 +115,7 @@ class ZenohGraph:
         else:
             subscriber = self._session.declare_subscriber(key, hearing.put)
         live = self._session.liveliness().declare_token(self._endpoint("MS", topic))
-        hearing.declared = (live, subscriber)
+        hearing.begin(live, subscriber)
         return hearing
 
     def offer(self, topic: Topic) -> _Offering:
@@ -142,7 +142,8 @@ class ZenohGraph:
 
     def close(self) -> None:
         """See `Link`."""
-        self._session.close()
+        with suppress(zenoh.ZError):  # Zenoh's own timeout has passed
+            self._session.close()
 
     def key_of(self, topic: Topic) -> str:
         """Return the key for a topic's messages of the wanted type."""
@@ -198,8 +199,7 @@ class _Hearing:
 
     def __init__(self, graph: ZenohGraph, topic: Topic, take: Callable[[bytes, str], None]) -> None:
         self._graph, self._topic, self._take = graph, topic, take
-        self.declared: tuple[Any, ...] = ()
-        """The declarations that `close` ends."""
+        self._declared: tuple[Any, ...] = ()
         self._is_closed = False
         # Beyond this number of messages, the oldest are dropped.
         self._waiting: deque[Any] = deque(maxlen=max(topic.depth, 1))
@@ -208,6 +208,10 @@ class _Hearing:
         self._thread = threading.Thread(
             target=self._run, name=f"tfdb ROS {topic.name}", daemon=True
         )
+
+    def begin(self, *declared: Any) -> None:
+        """Pass on samples, until `close` ends the declarations."""
+        self._declared = declared
         self._thread.start()
 
     def close(self) -> None:
@@ -215,7 +219,7 @@ class _Hearing:
         with self._wake:
             self._is_closed = True
             self._wake.notify()
-        _take_back(*self.declared)
+        _take_back(*self._declared)
         if self._thread is not threading.current_thread():
             self._thread.join(1.0)  # a callback may wait
 
