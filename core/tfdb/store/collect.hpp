@@ -84,9 +84,10 @@ template <lookup::View V>
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
-/// The retained samples of an edge in the view, from the one at or before `from` on.
-template <lookup::View V>
-[[nodiscard]] lookup::Outcome collect_from(const V& view, FrameId id, StampNs from, Track& track) {
+/// The samples of an edge in the view that visit(edge, take) passes to take(sample); of a static
+/// edge, its pose.
+template <lookup::View V, class Visit>
+[[nodiscard]] lookup::Outcome collect(const V& view, FrameId id, Track& track, Visit visit) {
     using lookup::Outcome;
     track = Track{};
     typename V::Edge edge;
@@ -107,7 +108,7 @@ template <lookup::View V>
             push(sample);
             return true;
         };
-        if (!visit_samples(edge, from, history::kForever, take))
+        if (!visit(edge, take))
             return Outcome::kLapped;
     }
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
@@ -116,26 +117,22 @@ template <lookup::View V>
 /// All retained samples of an edge in the view.
 template <lookup::View V>
 [[nodiscard]] lookup::Outcome collect_all(const V& view, FrameId id, Track& track) {
-    return collect_from(view, id, std::numeric_limits<StampNs>::min() / 2, track);
+    return collect(view, id, track, [](const auto& edge, auto take) {
+        return visit_samples(edge, std::numeric_limits<StampNs>::min() / 2, history::kForever,
+                             take);
+    });
 }
 
 /// The newest `count` samples of an edge in the view. Their number is the cost, not that of all.
 [[nodiscard]] inline lookup::Outcome collect_newest(const StoreView& view, FrameId id,
                                                     const Outline& outline, std::size_t count,
                                                     Track& track) {
-    using lookup::Outcome;
-    if (outline.is_static || count >= outline.extent.samples)
+    if (count >= outline.extent.samples)
         return collect_all(view, id, track);
-    StoreView::Edge edge;
-    if (!view.open(id, edge))
-        return Outcome::kLapped;
-    StampNs from = outline.extent.last;
-    const bool whole = edge.visit(from, history::kForever, static_cast<unsigned>(count - 1),
-                                  [&](const history::SampleAt& sample) {
-                                      from = sample.stamp;
-                                      return false;
-                                  });
-    return whole ? collect_from(view, id, from, track) : Outcome::kLapped;
+    return collect(view, id, track, [&](const auto& edge, auto take) {
+        return edge.visit(outline.extent.last, history::kForever, static_cast<unsigned>(count - 1),
+                          take);
+    });
 }
 
 /// The indices of names in sorted order. Most names differ in the first bytes after their common
