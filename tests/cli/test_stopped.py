@@ -273,6 +273,18 @@ def test_a_signal_ends_serve_follow_with_its_summary(
     assert told["transforms"] > 50
 
 
+def run_importing(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
+    """Run a program that imports modules of a folder."""
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
 @pytest.mark.parametrize("own_handler", [False, True])
 def test_a_signal_in_an_import_is_handled_after_it(tmp_path: Path, own_handler: bool) -> None:
     """By the handler that the command has then."""
@@ -295,14 +307,8 @@ try:
 except tfdb_command.Stopped as stopped:
     print(stopped)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=os.environ | {"PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
+    done = run_importing(tmp_path, program)
+    assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == ("whole\nheard\n" if own_handler else "whole\nended by SIGINT\n")
 
 
@@ -310,10 +316,11 @@ def test_a_command_may_end_before_a_signal_in_its_import_is_handled(tmp_path: Pa
     """Python removes its handlers at the end; an alarm must not kill the process then."""
     (tmp_path / "imported.py").write_text("import os; os.kill(os.getpid(), 15)")
     program = """
-import signal, time, tfdb_command
+import signal, tfdb_command
 class Last:
-    def __del__(self):
-        time.sleep(10 * tfdb_command._AGAIN)
+    def __del__(self, left=signal.getitimer, alarm=signal.ITIMER_REAL):
+        while left(alarm)[0]:
+            pass
 last = Last()
 def run():
     signal.signal(signal.SIGTERM, tfdb_command._stop)
@@ -322,14 +329,7 @@ tfdb_command._run = run
 tfdb_command.main()
 assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=os.environ | {"PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = run_importing(tmp_path, program)
     assert (done.returncode, done.stderr) == (0, "")
 
 

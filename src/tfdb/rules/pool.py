@@ -42,7 +42,7 @@ class Pool:
         self._total = total
         self._report = report
         self.lock: threading.Condition = threading.Condition()
-        # events whose action is committing; `_chains` lacks these commits
+        # Events whose action is committing; `_chains` lacks these commits.
         self._committing: set[Event] = set()
         self._chains: dict[int, tuple[str, ...]] = {}  # the rules that led to each commit
         self._lanes: dict[object, _Lane] = {}
