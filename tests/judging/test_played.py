@@ -55,8 +55,8 @@ def test_pauses_and_jumps_give_the_events_of_the_recording(drive: Path) -> None:
     assert wanted.keys() == {(each, "base") for each in ("deadline", "lifespan", "step", "late")}
     store, events = tfdb.Buffer(10), list[Event]()
     clock = store.clock
-    with playing(drive, store, paused=True):
-        begun(store)
+    with playing(drive, store, paused=True) as (player, _):
+        begun(player, store)
         store.expectations.on_event = events.append
         store.expect(EXPECTED)
         clock.speed = 4.0

@@ -120,16 +120,17 @@ def playing(
             raise raised[0]
 
 
-def begun(store: tfdb.Buffer) -> None:
-    """Wait until a paused player has played what was received first."""
-    store.wait_for_transform("map", "base", timeout=LONGEST)
-
-
 def settled(player: Player) -> None:
     """Wait until a player has done all that it was told."""
     done = threading.Event()
     player._orders.put(done.set)
     assert done.wait(LONGEST)
+
+
+def begun(player: Player, store: tfdb.Buffer) -> None:
+    """Wait until a paused player has played what was received first, and has paused the clock."""
+    store.wait_for_transform("map", "base", timeout=LONGEST)
+    settled(player)
 
 
 def test_all_of_a_recording_is_played(recording: Path) -> None:
@@ -164,7 +165,7 @@ def test_the_clock_paces_the_messages(recording: Path) -> None:
 def test_steps_forth_and_back(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
     with playing(recording, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         times = sorted({message.received for message in messages()})
         for place in range(1, 21):
             commit = store.commit
@@ -201,7 +202,7 @@ def test_no_reader_sees_the_future_or_an_empty_store(recording: Path, seed: int)
                 faults.append(f"no sample in the store at {after}")
 
     with playing(recording, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         reader = threading.Thread(target=read)
         reader.start()
         for _ in range(80):
@@ -228,7 +229,7 @@ def test_no_reader_sees_the_future_or_an_empty_store(recording: Path, seed: int)
 def test_a_jump_shows_the_state_of_straight_playing(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
     with playing(recording, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         for seconds in (3.0, 0.5, 2.5, 2.0, 3.9, 0.031):
             player.seek(seconds)
             settled(player)
@@ -239,7 +240,7 @@ def test_a_jump_shows_the_state_of_straight_playing(recording: Path) -> None:
 def test_a_jump_beyond_all_stamps_goes_to_an_end(recording: Path, far: float) -> None:
     store = tfdb.Buffer(HISTORY)
     with playing(recording, store, paused=True) as (player, thread):
-        begun(store)
+        begun(player, store)
         player.seek(2.0)
         player.seek(-far)
         settled(player)
@@ -263,7 +264,7 @@ def test_any_process_may_set_the_clock(recording: Path, name: str) -> None:
     store = tfdb.Buffer.open(name, history=HISTORY)
     other = tfdb.Buffer.open(name)
     with playing(recording, store, paused=True) as (player, _):
-        begun(other)
+        begun(player, other)
         for seconds in (3, 1):
             commit = other.commit
             other.clock.seek(START + seconds * SECOND)
@@ -281,7 +282,7 @@ def test_frames_of_other_writers_stay(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
     store.set_transform("base", "gripper", 5, (1, 2, 3), TURN, authority="arm driver")
     with playing(recording, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         player.seek(2.0)
         settled(player)
         assert store.frame_info("gripper").samples == 1
@@ -292,7 +293,7 @@ def test_the_later_player_takes_over(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
     with ExitStack() as players:
         first, thread = players.enter_context(playing(recording, store, paused=True))
-        begun(store)
+        begun(first, store)
         commit = store.commit
         with playing(recording, store, paused=True):
             store.wait_for_commit(commit, LONGEST)
@@ -320,8 +321,8 @@ def test_no_reader_sees_an_empty_store_when_a_player_takes_over(recording: Path)
 
 def test_played_frames_are_read_only_until_the_player_ends(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
-    with playing(recording, store, paused=True):
-        begun(store)
+    with playing(recording, store, paused=True) as (player, _):
+        begun(player, store)
         stamp = store.frame_info("base").newest
         assert stamp is not None
         with pytest.raises(errors.ReadOnly, match=f"it comes from source '{SOURCE}'"):
@@ -376,7 +377,7 @@ def test_bad_speeds(recording: Path, speed: float) -> None:
 def test_keys_and_controls_mean_the_same(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
     with playing(recording, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         for line in KEYS.values():
             if line not in ("pause", "reverse", "quit"):
                 obey(player, line)
@@ -397,7 +398,7 @@ def test_keys_and_controls_mean_the_same(recording: Path) -> None:
 def test_backwards_to_the_beginning(recording: Path) -> None:
     store = tfdb.Buffer(HISTORY)
     with playing(recording, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         player.seek(0.3)
         settled(player)
         positions = [player.position]
@@ -416,7 +417,7 @@ def test_kept_states_are_bounded(recording: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("tfdb.player.player._KEPT_BYTES", 50_000)
     store = tfdb.Buffer(None)
     with playing(recording, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         for seconds in (3.9, 1.0, 3.0, 0.2, 3.95):
             player.seek(seconds)
             settled(player)

@@ -120,7 +120,7 @@ def test_jumps_show_the_state_of_the_commit(
     choice = random.Random(5)
     store = tfdb.Buffer(history=None)
     with playing(drive, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         times = sorted({each.time for each in commits})
         for at in (times[-2], *choice.choices(times[:-1], k=25)):
             player.seek((at - commits[0].time) / SECOND)
@@ -146,7 +146,7 @@ def test_a_jump_reads_the_file_near_the_moment(
     assert summary is not None
     store = tfdb.Buffer(history=None)
     with playing(path, store, paused=True) as (player, _):
-        begun(store)
+        begun(player, store)
         player.seek((commits[-1].time - commits[0].time) / SECOND - 1e-9)
         settled(player)
         data = bytearray(path.read_bytes())
